@@ -1,0 +1,216 @@
+"""Camera: every space of the specification, defined once.
+
+World -> eye (x right, y down, z forward; the OpenCV axes) -> raster (pixels, x right, y down, origin at the
+image's upper left corner; pixel (i, j) has its centre at (i + 1/2, j + 1/2)).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from splatcl.errors import CameraError
+
+Projection = Literal["perspective", "orthographic"]
+MAX_SIZE = 16384
+RIGID_TOLERANCE = 1e-4
+"""How far from a rotation `eye_from_world` may be; files write matrices with few digits."""
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole or orthographic camera.
+
+    Parameters
+    ----------
+    eye_from_world : (4, 4) float array
+        Rigid transform, row-major, acts on column vectors.
+    fx, fy : float
+        Focal lengths: pixels (perspective, x = fx X/Z + cx) or pixels per scene unit (orthographic,
+        x = fx X + cx).
+    cx, cy : float
+        Principal point, pixels from the image's upper left corner.
+    width, height : int
+        Image size, pixels.
+    near, far : float
+        Visible range of eye-space z, scene units, both ends included; ``near > 0`` for perspective.
+    projection : {"perspective", "orthographic"}
+
+    Raises
+    ------
+    CameraError
+        The transform is not rigid, or a number is out of its range.
+    """
+
+    eye_from_world: NDArray[np.float64]
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+    near: float = 1e-3
+    far: float = float("inf")
+    projection: Projection = "perspective"
+
+    def __post_init__(self) -> None:
+        try:
+            matrix = np.array(self.eye_from_world, dtype=np.float64)
+            for name in ("fx", "fy", "cx", "cy", "near", "far"):
+                object.__setattr__(self, name, float(getattr(self, name)))
+            for name in ("width", "height"):
+                if int(getattr(self, name)) != getattr(self, name):
+                    raise ValueError(f"{name} {getattr(self, name)!r} is not a whole number")
+                object.__setattr__(self, name, int(getattr(self, name)))
+        except (TypeError, ValueError, OverflowError) as error:
+            raise CameraError(f"camera: {error}") from None
+        matrix.setflags(write=False)
+        object.__setattr__(self, "eye_from_world", matrix)
+        self._validate()
+
+    def _validate(self) -> None:
+        matrix = self.eye_from_world
+        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
+            raise CameraError(f"eye_from_world must be 4x4 finite numbers, not {matrix.shape}")
+        rotation = matrix[:3, :3]
+        off = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        if off > RIGID_TOLERANCE or np.linalg.det(rotation) < 0 or not np.array_equal(matrix[3], [0, 0, 0, 1]):
+            raise CameraError(
+                f"eye_from_world is not a rotation and a translation (R R^T is off by {off:.1e}, "
+                f"det {np.linalg.det(rotation):.3f}); remove scale, mirroring and perspective from it"
+            )
+        if not (1 <= self.width <= MAX_SIZE and 1 <= self.height <= MAX_SIZE):
+            raise CameraError(f"image size {self.width}x{self.height} is outside 1x1 to {MAX_SIZE}x{MAX_SIZE}")
+        if not (0 < self.fx < 1e9 and 0 < self.fy < 1e9):
+            raise CameraError(f"focal lengths must be positive and below 1e9, not fx {self.fx}, fy {self.fy}")
+        if not (abs(self.cx) < 1e9 and abs(self.cy) < 1e9):
+            raise CameraError(f"principal point ({self.cx}, {self.cy}) must be finite")
+        if self.projection not in ("perspective", "orthographic"):
+            raise CameraError(f"projection {self.projection!r} is neither 'perspective' nor 'orthographic'")
+        if not self.near < self.far or not np.isfinite(self.near):
+            raise CameraError(f"near {self.near} must be finite and less than far {self.far}")
+        if self.projection == "perspective" and self.near <= 0:
+            raise CameraError(f"near {self.near} must be positive for a perspective camera")
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """(3,) float64 eye position, world space."""
+        return -self.eye_from_world[:3, :3].T @ self.eye_from_world[:3, 3]
+
+    def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Project world-space points.
+
+        Parameters
+        ----------
+        points : (..., 3) float array
+            World space.
+
+        Returns
+        -------
+        raster : (..., 2) float64 array
+            Pixels; NaN or inf where a perspective point has z = 0.
+        z : (...) float64 array
+            Eye-space depth, scene units; negative behind the eye.
+        """
+        eye = np.asarray(points, np.float64) @ self.eye_from_world[:3, :3].T + self.eye_from_world[:3, 3]
+        z = eye[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            image = eye[..., :2] / z[..., None] if self.projection == "perspective" else eye[..., :2]
+        return image * (self.fx, self.fy) + (self.cx, self.cy), z
+
+    @classmethod
+    def look_at(
+        cls,
+        eye: ArrayLike,
+        target: ArrayLike,
+        up: ArrayLike = (0.0, 1.0, 0.0),
+        fov_y: float = 45.0,
+        width: int = 512,
+        height: int = 512,
+        **kwargs: Any,
+    ) -> Camera:
+        """Return a camera at `eye` looking at `target`.
+
+        Parameters
+        ----------
+        eye, target : (3,) float
+            World space.
+        up : (3,) float
+            World-space direction that points up in the image.
+        fov_y : float
+            Full vertical angle of view, degrees. An orthographic camera sees at the target what a
+            perspective one would.
+        width, height : int
+            Image size, pixels.
+        **kwargs
+            `near`, `far`, `projection` of `Camera`.
+
+        Raises
+        ------
+        CameraError
+            `eye` equals `target`, `up` is along the view, or `fov_y` is not between 0 and 180.
+        """
+        eye, target, up = (np.asarray(v, np.float64) for v in (eye, target, up))
+        forward = target - eye
+        distance = np.linalg.norm(forward)
+        right = np.cross(forward, up)
+        if not distance > 0 or not np.linalg.norm(right) > 1e-9 * distance * np.linalg.norm(up):
+            raise CameraError(f"look_at: eye {eye}, target {target} and up {up} do not span a view")
+        if not 0 < fov_y < 180:
+            raise CameraError(f"fov_y {fov_y} must be between 0 and 180 degrees")
+        z = forward / distance
+        x = right / np.linalg.norm(right)
+        matrix = np.eye(4)
+        matrix[:3, :3] = x, np.cross(z, x), z
+        matrix[:3, 3] = -matrix[:3, :3] @ eye
+        focal = height / 2 / np.tan(np.radians(fov_y) / 2)
+        if kwargs.get("projection") == "orthographic":
+            focal /= distance
+        return cls(matrix, focal, focal, width / 2, height / 2, width, height, **kwargs)
+
+    @classmethod
+    def framing(
+        cls,
+        bounds: ArrayLike,
+        azimuth: float = 0.0,
+        elevation: float = 0.0,
+        up: ArrayLike = (0.0, 1.0, 0.0),
+        fov_y: float = 45.0,
+        width: int = 512,
+        height: int = 512,
+        **kwargs: Any,
+    ) -> Camera:
+        """Return a camera that sees the whole bounding sphere of a box.
+
+        Parameters
+        ----------
+        bounds : (2, 3) float
+            Least and greatest corner of the box, world space (`Splats.bounds`).
+        azimuth, elevation : float
+            Degrees. Azimuth 0 looks from +z for ``up`` = y and from -y for ``up`` = z, and turns
+            counter-clockwise seen from above; elevation lifts the eye toward `up`.
+        up, fov_y, width, height, **kwargs
+            As for `look_at`.
+        """
+        low, high = np.asarray(bounds, np.float64)
+        up = np.asarray(up, np.float64)
+        if not -90 < elevation < 90:
+            raise CameraError(f"elevation {elevation} must be between -90 and 90 degrees")
+        if up.shape != (3,) or not np.linalg.norm(up) > 0:
+            raise CameraError(f"up {up} is not a direction")
+        up = up / np.linalg.norm(up)
+        front = np.array([0.0, -1.0, 0.0]) if abs(up[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
+        front -= up * (front @ up)
+        front /= np.linalg.norm(front)
+        side = np.cross(up, front)
+        a, e = np.radians(azimuth), np.radians(elevation)
+        outward = np.cos(e) * (np.cos(a) * front + np.sin(a) * side) + np.sin(e) * up
+        radius = np.linalg.norm(high - low) / 2 or 1.0
+        half = np.arctan(np.tan(np.radians(fov_y) / 2) * min(1.0, width / height))
+        distance = radius / np.sin(half)
+        kwargs.setdefault("near", max(distance - 1.1 * radius, 1e-3 * radius))
+        center = (low + high) / 2
+        return cls.look_at(center + distance * outward, center, up, fov_y, width, height, **kwargs)

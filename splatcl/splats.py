@@ -1,0 +1,146 @@
+"""Splats: oriented elliptical discs, the one input of every pass."""
+
+from __future__ import annotations
+
+from dataclasses import InitVar, dataclass, field, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from splatcl.errors import InvalidSplatsError
+
+OnInvalid = Literal["error", "drop"]
+DEFAULT_COLOR = (0.6, 0.6, 0.6)
+"""Linear RGB of splats that come without a colour."""
+
+MIN_AREA = 1e-15
+"""Smallest |t_u x t_v| of a usable splat, in square scene units: below it the normal is lost in float32."""
+MAX_MAGNITUDE = 1e15
+"""Largest usable coordinate: its square must stay finite in float32."""
+
+
+@dataclass(frozen=True, eq=False)
+class Splats:
+    """Oriented elliptical discs: a point of a disc is c + u t_u + v t_v with u^2 + v^2 <= 1.
+
+    Parameters
+    ----------
+    center : (N, 3) float array
+        Disc centres c, world space, scene units. float64 is kept (surveys in UTM metres lose nothing).
+    tangent_u, tangent_v : (N, 3) float array
+        Tangent axes, world space; their lengths are the principal radii in scene units.
+        The normal is normalize(t_u x t_v) ([BHZK05] eq. 1).
+    color : (N, 3) float array, optional
+        Linear RGB; a mid grey where omitted.
+    oriented : bool
+        False where the normals' signs mean nothing (they were estimated from bare points): they are then
+        turned toward the viewer when rendered.
+    num_dropped : int
+        Invalid splats that were left out before these (see `on_invalid`).
+    notes : tuple of str
+        One sentence for each thing that was estimated, converted or left out on the way in.
+    on_invalid : {"error", "drop"}
+        What to do with splats that have a non-finite or huge coordinate, colour or tangent, or no area.
+
+    Raises
+    ------
+    InvalidSplatsError
+        Wrong shapes, not numbers, or invalid splats under ``on_invalid="error"``; the message says how many
+        and the first index.
+    """
+
+    center: NDArray[Any]
+    tangent_u: NDArray[Any]
+    tangent_v: NDArray[Any]
+    color: NDArray[Any] = field(default=None)  # type: ignore[assignment]
+    oriented: bool = True
+    num_dropped: int = 0
+    notes: tuple[str, ...] = ()
+    on_invalid: InitVar[OnInvalid] = "error"
+
+    def __post_init__(self, on_invalid: OnInvalid) -> None:
+        arrays = {name: _triples(name, getattr(self, name)) for name in ("center", "tangent_u", "tangent_v")}
+        num = len(arrays["center"])
+        color = np.tile(np.float32(DEFAULT_COLOR), (num, 1)) if self.color is None else self.color
+        arrays["color"] = _triples("color", color)
+        for name, array in arrays.items():
+            if len(array) != num:
+                raise InvalidSplatsError(f"{name} has {len(array)} rows but center has {num}")
+        reason = invalid_splats(**arrays)
+        num_invalid = np.count_nonzero(reason)
+        if num_invalid and on_invalid == "error":
+            raise InvalidSplatsError(describe_invalid(reason) + "; drop them with on_invalid='drop'")
+        if num_invalid:
+            arrays = {name: array[reason == 0] for name, array in arrays.items()}
+            object.__setattr__(self, "notes", (*self.notes, f"dropped {describe_invalid(reason)}"))
+            object.__setattr__(self, "num_dropped", self.num_dropped + int(num_invalid))
+        for name, array in arrays.items():
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    def __len__(self) -> int:
+        return len(self.center)
+
+    @property
+    def normal(self) -> NDArray[Any]:
+        """(N, 3) float64 unit normals normalize(t_u x t_v), world space."""
+        normal = np.cross(self.tangent_u.astype(np.float64), self.tangent_v.astype(np.float64))
+        return normal / np.linalg.norm(normal, axis=1, keepdims=True)
+
+    @property
+    def radius(self) -> NDArray[np.float64]:
+        """(N,) float64 larger principal radius max(|t_u|, |t_v|), scene units."""
+        norms = [np.linalg.norm(t.astype(np.float64), axis=1) for t in (self.tangent_u, self.tangent_v)]
+        return np.maximum(*norms)
+
+    @property
+    def bounds(self) -> NDArray[np.float64]:
+        """(2, 3) float64 least and greatest corner of the discs' bounding box, world space."""
+        if not len(self):
+            return np.zeros((2, 3))
+        half = np.hypot(self.tangent_u.astype(np.float64), self.tangent_v.astype(np.float64))
+        center = self.center.astype(np.float64)
+        return np.stack([(center - half).min(axis=0), (center + half).max(axis=0)])
+
+    def take(self, ids: ArrayLike) -> Splats:
+        """Return the splats at `ids` (indices, a mask or a slice), in that order."""
+        key: Any = ids if isinstance(ids, slice) else np.asarray(ids)
+        fields = ("center", "tangent_u", "tangent_v", "color")
+        return replace(self, **{name: getattr(self, name)[key] for name in fields}, on_invalid="error")
+
+
+REASONS = ("", "a non-finite number", "a number beyond 1e15", "no area")
+
+
+def invalid_splats(
+    center: NDArray[Any], tangent_u: NDArray[Any], tangent_v: NDArray[Any], color: NDArray[Any]
+) -> NDArray[np.uint8]:
+    """Return (N,) uint8: 0 for a valid splat, else the index in `REASONS` of what is wrong with it."""
+    columns = (center, tangent_u, tangent_v, color)
+    with np.errstate(invalid="ignore", over="ignore"):
+        finite = np.logical_and.reduce([np.isfinite(c).all(axis=1) for c in columns])
+        small = np.logical_and.reduce([(np.abs(c) <= MAX_MAGNITUDE).all(axis=1) for c in columns])
+        cross = np.cross(tangent_u.astype(np.float64), tangent_v.astype(np.float64))
+        area = np.linalg.norm(cross, axis=1)
+    return np.select([~finite, ~small, ~(area >= MIN_AREA)], [1, 2, 3], 0).astype(np.uint8)
+
+
+def describe_invalid(reason: NDArray[np.uint8]) -> str:
+    """Say how many splats are invalid, why, and which is the first."""
+    parts = [f"{count} with {REASONS[r]}" for r, count in enumerate(np.bincount(reason)) if r and count]
+    first = int(np.flatnonzero(reason)[0])
+    return f"{np.count_nonzero(reason)} of {len(reason)} splats ({', '.join(parts)}; the first is splat {first})"
+
+
+def _triples(name: str, value: ArrayLike) -> NDArray[Any]:
+    try:
+        array = np.asarray(value)
+        if array.dtype not in (np.float32, np.float64):
+            array = array.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None
+    if array.ndim != 2 or array.shape[1] != 3:
+        raise InvalidSplatsError(f"{name} has shape {array.shape}; it must be (N, 3)")
+    # A private, native-order, contiguous copy: the caller's later writes must not change the splats.
+    return np.array(array, dtype=array.dtype.newbyteorder("="), order="C", copy=True)
