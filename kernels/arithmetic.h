@@ -1,0 +1,131 @@
+// The strict arithmetic profile: every operation below is correctly rounded and in a fixed order, so that
+// every OpenCL runtime computes the same bits. Only + - * / sqrt, comparisons, selects and bit casts are used.
+//
+// LANES  how many pixels or splats one value holds (1, 4, 8, 16)
+// DOUBLE 0: float, 1: double
+
+#ifndef LANES
+#error "build option LANES is missing: 1, 4, 8 or 16"
+#endif
+#ifndef DOUBLE
+#error "build option DOUBLE is missing: 0 for float, 1 for double"
+#endif
+
+#define PASTE_(a, b) a##b
+#define PASTE(a, b) PASTE_(a, b)
+
+#if DOUBLE
+#pragma OPENCL EXTENSION cl_khr_fp64 : enable
+typedef double real;
+typedef long bits;  // an integer as wide as a real
+#define R(x) x      // a literal
+#define MANTISSA 52
+#define EXPONENT_BIAS 1023
+#define SPLIT_MASK 0xfffffffff8000000L  // the leading 26 bits of a significand
+#else
+typedef float real;
+typedef int bits;
+#define R(x) PASTE(x, f)
+#define MANTISSA 23
+#define EXPONENT_BIAS 127
+#define SPLIT_MASK 0xfffff000  // the leading 12 bits of a significand
+#endif
+
+// reals: LANES reals. masks: LANES integers as wide, all ones or all zeros. uints: LANES 32-bit counts.
+#if LANES == 1
+typedef real reals;
+typedef bits masks;
+typedef uint uints;
+#define MASK(comparison) (-(bits)(comparison))
+#define UINT_MASK(mask) ((uint)(mask))
+#define ANY(mask) ((mask) != 0)
+#define SELECT(no, yes, mask) ((mask) ? (yes) : (no))
+#define AS_BITS(x) PASTE(AS_BITS_, DOUBLE)(x)
+#define AS_BITS_0(x) as_int(x)
+#define AS_BITS_1(x) as_long(x)
+#define AS_REALS(x) PASTE(AS_REALS_, DOUBLE)(x)
+#define AS_REALS_0(x) as_float(x)
+#define AS_REALS_1(x) as_double(x)
+#else
+#if DOUBLE
+typedef PASTE(double, LANES) reals;
+typedef PASTE(long, LANES) masks;
+#define AS_BITS(x) PASTE(as_long, LANES)(x)
+#define AS_REALS(x) PASTE(as_double, LANES)(x)
+#define UINT_MASK(mask) PASTE(convert_uint, LANES)(mask)
+#else
+typedef PASTE(float, LANES) reals;
+typedef PASTE(int, LANES) masks;
+#define AS_BITS(x) PASTE(as_int, LANES)(x)
+#define AS_REALS(x) PASTE(as_float, LANES)(x)
+#define UINT_MASK(mask) PASTE(as_uint, LANES)(mask)
+#endif
+typedef PASTE(uint, LANES) uints;
+#define MASK(comparison) (comparison)
+#define ANY(mask) any(mask)
+#define SELECT(no, yes, mask) select((reals)(no), (reals)(yes), (masks)(mask))
+#endif
+
+typedef struct { reals x, y, z; } reals3;
+
+static inline reals dot3(reals3 a, reals3 b) { return (a.x * b.x + a.y * b.y) + a.z * b.z; }
+
+static inline reals3 cross3(reals3 a, reals3 b)
+{
+  reals3 c = {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+  return c;
+}
+
+static inline reals3 scale3(reals3 a, reals s)
+{
+  reals3 b = {a.x * s, a.y * s, a.z * s};
+  return b;
+}
+
+static inline reals3 add3(reals3 a, reals3 b)
+{
+  reals3 c = {a.x + b.x, a.y + b.y, a.z + b.z};
+  return c;
+}
+
+// Comparisons with NaN are false, so a NaN becomes the bound.
+static inline reals at_least(reals x, reals low) { return SELECT(low, x, MASK(x > low)); }
+static inline reals at_most(reals x, reals high) { return SELECT(high, x, MASK(x < high)); }
+static inline reals magnitude(reals x) { return SELECT(x, -x, MASK(x < R(0.0))); }
+
+// Nearest integer, ties to even: adding 1.5 * 2^MANTISSA leaves no fraction bits. (rint is a call on some runtimes.)
+#define ROUND_MAGIC ((real)(3L << (MANTISSA - 1)))
+static inline reals round_even(reals x)
+{
+  reals rounded = (x + ROUND_MAGIC) - ROUND_MAGIC;
+  return SELECT(x, rounded, MASK(magnitude(x) < (real)(1L << (MANTISSA - 1))));
+}
+
+// e^x for -80 <= x <= 0, to about one unit in the last place: x = n ln2 + f, |f| <= ln2/2, Taylor in f.
+static inline reals exp_negative(reals x)
+{
+  reals shifted = x * R(1.4426950408889634) + ROUND_MAGIC;
+  masks n = AS_BITS(shifted) - AS_BITS((reals)(ROUND_MAGIC));
+  reals whole = shifted - ROUND_MAGIC;
+#if DOUBLE
+  reals f = (x - whole * 0.69314718036912382) - whole * 1.9082149292705877e-10;
+  reals e = R(1.6059043836821613e-10);
+  e = e * f + R(2.08767569878681e-09);
+  e = e * f + R(2.505210838544172e-08);
+  e = e * f + R(2.755731922398589e-07);
+  e = e * f + R(2.7557319223985893e-06);
+  e = e * f + R(2.48015873015873e-05);
+#else
+  reals f = (x - whole * 0.693359375f) - whole * -2.12194440e-4f;
+  reals e = R(0.0);
+#endif
+  e = e * f + R(0.0001984126984126984);
+  e = e * f + R(0.001388888888888889);
+  e = e * f + R(0.008333333333333333);
+  e = e * f + R(0.041666666666666664);
+  e = e * f + R(0.16666666666666666);
+  e = e * f + R(0.5);
+  e = e * f + R(1.0);
+  e = e * f + R(1.0);
+  return e * AS_REALS((n + (bits)EXPONENT_BIAS) << (bits)MANTISSA);
+}

@@ -1,0 +1,51 @@
+"""Struct layouts shared with the device: one NumPy dtype each, from which the C declaration is generated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pyopencl as cl
+from pyopencl.tools import match_dtype_to_c_struct
+
+
+def _reals(real: str, *names: str) -> list[tuple[str, str]]:
+    return [(name, real) for name in names]
+
+
+def _pairs(real: str, *names: str) -> list[tuple[str, str]]:
+    return _reals(real, *(f"{name}_{part}" for name in names for part in ("hi", "lo")))
+
+
+def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
+    """Fields of every struct; `real` is "f4" or "f8"."""
+    rows = [f"r{row}{column}" for row in range(3) for column in range(3)]
+    return {
+        # eye_from_world for origin-relative world coordinates, and the intrinsics, to twice the precision.
+        "View": _pairs(real, *rows, "t0", "t1", "t2", "fx", "fy", "cx", "cy")
+        + _reals(real, "near", "far", "prefilter_radius")
+        + [(name, "i4") for name in ("width", "height", "facing", "prefilter", "prefilter_at_bounds")],
+        # 64 bytes: all that the raster passes need to intersect a ray with the splat (splat.h).
+        "ProjectedSplat": _reals(real, "pixel_x", "pixel_y", "offset_x", "offset_y")
+        + _reals(real, "u_x", "u_y", "u_1", "v_x", "v_y", "v_1", "g_x", "g_y", "z")
+        + [("id", "u4")]
+        + [(name, "i2") for name in ("x_min", "y_min", "x_max", "y_max")],
+        # 32 bytes: what the attribute pass accumulates, and where the pre-filter is centred.
+        "SplatAttributes": _reals(real, "red", "green", "blue", "normal_x", "normal_y", "normal_z")
+        + _reals(real, "prefilter_x", "prefilter_y"),
+        "PhongLight": _reals(real, "x", "y", "z", "is_point", "red", "green", "blue"),
+        "Shading": _reals(real, "fx", "fy", "cx", "cy", "ambient", "diffuse", "specular", "shininess")
+        + [("width", "i4"), ("height", "i4"), ("num_lights", "i4")],
+    }
+
+
+@cache
+def structs(device: cl.Device, real: str) -> tuple[Mapping[str, np.dtype[Any]], str]:
+    """Return the dtypes by name, padded as `device` pads them, and their C declarations."""
+    dtypes, declarations = {}, []
+    for name, fields in _fields(real).items():
+        dtypes[name], declaration = match_dtype_to_c_struct(device, name, np.dtype(fields))
+        declarations.append(declaration)
+    return dtypes, "\n".join(declarations)
