@@ -1,0 +1,221 @@
+"""OpenCL devices: which there are, which one is used, and how kernels are built for it."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from splatcl.errors import DeviceError
+
+FLAG_VARIABLES = ("PYOPENCL_BUILD_OPTIONS", "POCL_EXTRA_BUILD_FLAGS")
+"""Environment variables that inject compiler flags, which could change the bits of an image."""
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """One OpenCL device. `index` counts over all platforms, in the order of preference."""
+
+    index: int
+    platform: str
+    name: str
+    version: str
+    is_default: bool
+    supports: Mapping[str, str]
+    handle: Any = field(repr=False, compare=False)
+
+
+def _ensure_kernel_cache() -> None:
+    """Give PoCL a cache folder it can write; without one it cannot create a context."""
+    if "POCL_CACHE_DIR" in os.environ:
+        return
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path("~").expanduser() / ".cache")
+    folder = Path(base) / "pocl" / "kcache"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return
+    except OSError:
+        os.environ["POCL_CACHE_DIR"] = tempfile.mkdtemp(prefix="splatcl-pocl-")
+
+
+def _preference(device: Any) -> tuple[bool, bool, tuple[int, ...]]:
+    """PoCL's CPU first (the newest, where several are installed), then other CPUs, then the rest."""
+    import pyopencl as cl
+
+    is_pocl = "Portable Computing Language" in device.platform.name
+    version = re.search(r"PoCL (\d+)\.(\d+)", device.platform.version)
+    newest = tuple(-int(part) for part in version.groups()) if version else (0, 0)
+    is_cpu = bool(device.type & cl.device_type.CPU)
+    return (not (is_pocl and is_cpu), not is_cpu, newest)
+
+
+def _supports(device: Any) -> dict[str, str]:
+    return {
+        "double": "yes" if "cl_khr_fp64" in device.extensions else "no",
+        "compute units": str(device.max_compute_units),
+        "float lanes": str(device.native_vector_width_float),
+        "memory": f"{device.global_mem_size / 2**30:.1f} GiB",
+        "largest buffer": f"{device.max_mem_alloc_size / 2**30:.1f} GiB",
+    }
+
+
+def list_devices() -> list[DeviceInfo]:
+    """Return every OpenCL device, the default one first.
+
+    Raises
+    ------
+    DeviceError
+        OpenCL itself does not start.
+    """
+    _ensure_kernel_cache()
+    import pyopencl as cl
+
+    try:
+        handles = [device for platform in cl.get_platforms() for device in platform.get_devices()]
+    except cl.Error as error:
+        raise DeviceError(f"no OpenCL platform ({error}); pip install 'pyopencl[pocl]' brings one") from None
+    handles.sort(key=_preference)
+    return [
+        DeviceInfo(i, d.platform.name, d.name.strip(), d.platform.version, i == 0, _supports(d), d)
+        for i, d in enumerate(handles)
+    ]
+
+
+def choose_device(wanted: str | int | None = None) -> DeviceInfo:
+    """Return the device that `wanted` names, else SPLATCL_DEVICE, else the default.
+
+    Parameters
+    ----------
+    wanted : str or int, optional
+        An index of `list_devices`, or words that must all be in the platform's name and version or in the
+        device's name, in any case ("pocl 3.1", "intel").
+
+    Raises
+    ------
+    DeviceError
+        No device at all, or none that fits.
+    """
+    devices = list_devices()
+    if not devices:
+        raise DeviceError("no OpenCL device; pip install 'pyopencl[pocl]' brings PoCL's CPU device")
+    if wanted is None:
+        wanted = os.environ.get("SPLATCL_DEVICE", "")
+    wanted = str(wanted).strip()
+    if not wanted:
+        return devices[0]
+    if wanted.isdigit() and int(wanted) < len(devices):
+        return devices[int(wanted)]
+    words = wanted.lower().split()
+    for device in devices:
+        text = f"{device.platform} {device.version} {device.name}".lower()
+        if not wanted.isdigit() and all(word in text for word in words):
+            return device
+    known = "; ".join(f"{d.index}: {d.version}, {d.name}" for d in devices)
+    raise DeviceError(f"no OpenCL device fits {wanted!r}; there are {known}")
+
+
+class Program:
+    """Kernels of one source file, built with one set of options; each kernel is retrieved once."""
+
+    def __init__(self, context: Any, name: str, prelude: str, options: Mapping[str, str | int]) -> None:
+        import pyopencl as cl
+
+        defines = "".join(f"#define {key} {value}\n" for key, value in options.items())
+        source = f"#pragma OPENCL FP_CONTRACT OFF\n{defines}{prelude}\n{inline_source(name, options)}"
+        try:
+            program = cl.Program(context, source).build()
+        except cl.RuntimeError as error:
+            raise DeviceError(f"kernels/{name} does not build on this device:\n{error}") from None
+        self.kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
+
+    def __call__(self, queue: Any, name: str, size: tuple[int, ...], *args: Any) -> None:
+        """Run kernel `name` over `size` work-items; nothing is run where that is empty."""
+        if all(size):
+            self.kernels[name](queue, size, (1,) * len(size), *args)
+
+
+def inline_source(name: str, options: Mapping[str, str | int]) -> str:
+    """Return kernels/`name` with its headers inlined once each; #line keeps errors at the real file and line."""
+    done: set[str] = set()
+
+    def inline(file: str) -> str:
+        if file in done:
+            return ""
+        done.add(file)
+        lines = [f'#line 1 "kernels/{file}"']
+        for number, line in enumerate((files("splatcl.kernels") / file).read_text().splitlines(), 1):
+            include = re.fullmatch(r'#include (?:"(.+)"|(\w+))', line)
+            if include:
+                header = include[1] or str(options[include[2]]).strip('"')
+                lines += [inline(header), f'#line {number + 1} "kernels/{file}"']
+            else:
+                lines.append(line)
+        return "\n".join(lines)
+
+    return inline(name)
+
+
+class DeviceQueue:
+    """A command queue on one device, with its built programs and its reusable scratch buffers.
+
+    Parameters
+    ----------
+    device : str, int, optional
+        As for `choose_device`.
+    lanes : int, optional
+        Pixels or splats per vector: 8 on a CPU, 1 elsewhere by default.
+    """
+
+    def __init__(self, device: str | int | None = None, lanes: int | None = None) -> None:
+        for variable in FLAG_VARIABLES:
+            if os.environ.get(variable):
+                raise DeviceError(f"{variable} injects compiler flags, which can change an image; unset it")
+        self.info = choose_device(device)
+        import pyopencl as cl
+
+        handle = self.info.handle
+        self.lanes = lanes or (8 if handle.type & cl.device_type.CPU else 1)
+        try:
+            self.context = cl.Context([handle])
+            self.queue = cl.CommandQueue(self.context)
+        except cl.Error as error:
+            raise DeviceError(f"{self.info.version}, {self.info.name} does not start: {error}") from None
+        self.lock = threading.RLock()
+        self._programs: dict[tuple[Any, ...], Program] = {}
+        self._scratch: dict[str, Any] = {}
+
+    def program(self, name: str, prelude: str, **options: str | int) -> Program:
+        """Return kernels/`name` built with `options`, from this queue's own store if it has been built."""
+        key = (name, prelude, *sorted(options.items()))
+        if key not in self._programs:
+            self._programs[key] = Program(self.context, name, prelude, options)
+        return self._programs[key]
+
+    def buffer(self, num_bytes: int) -> Any:
+        """Return a new buffer of at least one byte that the host can map."""
+        import pyopencl as cl
+
+        limit = self.info.handle.max_mem_alloc_size
+        if num_bytes > limit:
+            raise DeviceError(
+                f"a buffer of {num_bytes / 2**20:.0f} MiB exceeds this device's {limit / 2**20:.0f} MiB; "
+                "use a smaller image or fewer splats"
+            )
+        flags = cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR
+        return cl.Buffer(self.context, flags, size=max(num_bytes, 1))
+
+    def scratch(self, name: str, num_bytes: int) -> Any:
+        """Return the buffer kept under `name`, grown to at least `num_bytes`; its content is undefined."""
+        held = self._scratch.get(name)
+        if held is None or held.size < num_bytes:
+            self._scratch.pop(name, None)
+            del held
+            self._scratch[name] = self.buffer(num_bytes)
+        return self._scratch[name]
