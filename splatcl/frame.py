@@ -1,0 +1,128 @@
+"""Frame: what a render returns, named AOVs and how they were made."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from splatcl.camera import Camera
+from splatcl.errors import FileError, SplatclError
+from splatcl.settings import RenderSettings
+
+OUTPUT_FORMATS = (".exr", ".png")
+
+
+class Frame:
+    """A rendered image: its AOVs by name (docs/specification.md, "AOVs").
+
+    ``frame["Z"]`` is (H, W) float32 or uint32, ``frame["N"]`` (H, W, 3) float32, ``frame.color`` (H, W, 4)
+    float32. Where nothing is, Z is +inf and particleid 0xFFFFFFFF.
+
+    Parameters
+    ----------
+    aovs : mapping of str to array
+        May compute its values when they are first asked for.
+    camera : Camera
+    settings : RenderSettings
+    metadata : dict
+        What else the output shall record (JSON's types or NumPy numbers): the epsilon used, the device ...
+    """
+
+    def __init__(
+        self,
+        aovs: Mapping[str, NDArray[Any]],
+        camera: Camera,
+        settings: RenderSettings,
+        metadata: dict[str, Any] | None = None,
+    ) -> None:
+        self._aovs = aovs
+        self.camera = camera
+        self.settings = settings
+        self.metadata = dict(metadata or {})
+
+    @property
+    def width(self) -> int:
+        """Pixels."""
+        return self.camera.width
+
+    @property
+    def height(self) -> int:
+        """Pixels."""
+        return self.camera.height
+
+    @property
+    def color(self) -> NDArray[Any]:
+        """(H, W, 4) float32 linear RGB and alpha (1 where a splat is, else 0)."""
+        return self["color"]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return an AOV; `SplatclError` names the choices if there is none of that name."""
+        if name not in self._aovs:
+            raise SplatclError(f"no AOV {name!r} in this frame; it has {', '.join(self._aovs)}")
+        return self._aovs[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._aovs
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._aovs)
+
+    def __len__(self) -> int:
+        return len(self._aovs)
+
+    def keys(self) -> tuple[str, ...]:
+        """Names of the AOVs."""
+        return tuple(self._aovs)
+
+    def save(self, path: str | os.PathLike[str], exposure: float = 0.0) -> None:
+        """Write every AOV as OpenEXR (.exr) or the picture as 8-bit sRGB (.png).
+
+        The file appears whole or not at all; an existing file is replaced.
+
+        Parameters
+        ----------
+        path : path
+            The extension chooses the format.
+        exposure : float
+            Stops, for PNG only: RGB is multiplied by 2^exposure.
+
+        Raises
+        ------
+        FileError
+            The extension is neither .exr nor .png, or the file cannot be written.
+        SettingsError
+            `exposure` is out of range.
+        """
+        from splatcl.io.exr import write_exr
+        from splatcl.io.png import write_png
+
+        suffix = output_format(path)
+        if suffix == ".png":
+            write_png(path, self.color, exposure)
+        elif exposure:
+            raise SplatclError(f"{path}: exposure is for .png; an .exr holds the linear values")
+        else:
+            write_exr(path, self)
+
+    def _repr_png_(self) -> bytes:
+        from splatcl.io.png import encode_png
+
+        return encode_png(self.color)
+
+    def __repr__(self) -> str:
+        return f"<Frame {self.width}x{self.height}: {', '.join(self._aovs)}>"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_aovs": {name: self._aovs[name] for name in self._aovs}}
+
+
+def output_format(path: str | os.PathLike[str]) -> str:
+    """Return ".exr" or ".png", the format that a path's extension asks for, or raise `FileError`."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in OUTPUT_FORMATS:
+        raise FileError(f"{path}: cannot write {suffix or 'a file without extension'}; use .exr or .png")
+    return suffix

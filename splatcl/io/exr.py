@@ -1,0 +1,193 @@
+"""One OpenEXR file for a frame: every AOV, the camera as standard attributes, the rest as one JSON string."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splatcl.camera import Camera
+from splatcl.errors import FileError, SplatclError
+from splatcl.io.atomic import atomic_path
+from splatcl.io.cameras import camera_from_json, camera_to_json
+
+if TYPE_CHECKING:
+    from splatcl.frame import Frame
+
+MULTI_CHANNEL = {
+    "color": ("R", "G", "B", "A"),
+    "P": ("P.X", "P.Y", "P.Z"),
+    "N": ("N.X", "N.Y", "N.Z"),
+    "albedo": ("albedo.R", "albedo.G", "albedo.B"),
+}
+"""Channels of the AOVs that have several; any other AOV is one channel of its own name."""
+
+ATTRIBUTE = "splatcl"
+"""Name of the string attribute that holds the JSON."""
+
+EXR_MAGIC = b"\x76\x2f\x31\x01"
+
+
+def write_exr(path: str | os.PathLike[str], frame: Frame) -> None:
+    """Write every AOV of a frame as one multi-channel OpenEXR file (lossless ZIP).
+
+    Floating-point AOVs become FLOAT channels, integer ones UINT. The same frame gives the same bytes.
+
+    Parameters
+    ----------
+    path : path
+    frame : Frame
+
+    Raises
+    ------
+    FileError
+        The file cannot be written; what was at `path` is then as it was.
+    SplatclError
+        An AOV's shape is neither the image's nor that of the channels of its name.
+    """
+    import OpenEXR
+
+    channels = {name: plane for aov in frame for name, plane in _planes(frame, aov)}
+    header = {
+        "compression": OpenEXR.ZIP_COMPRESSION,
+        "type": OpenEXR.scanlineimage,
+        "worldToCamera": world_to_camera(frame.camera),
+        "worldToNDC": world_to_ndc(frame.camera),
+        ATTRIBUTE: _describe(frame),
+    }
+    with atomic_path(path) as temporary:
+        try:
+            # Through a Python file: OpenEXR's own loses a write error in its last buffer (a full disk).
+            with temporary.open("wb") as file:
+                OpenEXR.File(header, channels).write(file)
+        except RuntimeError as error:
+            raise FileError(f"{path}: cannot write: {error}") from None
+
+
+def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], Camera | None, dict[str, Any]]:
+    """Read an OpenEXR file back.
+
+    Returns
+    -------
+    aovs : dict of (H, W) or (H, W, C) float32, float16 or uint32 array
+        By AOV name; a channel of no known AOV is an AOV of its own.
+    camera : Camera or None
+        Exactly the one written; None for a file that splatcl did not write.
+    metadata : dict
+        The frame's metadata and "settings" and "versions"; empty for a file that splatcl did not write.
+
+    Raises
+    ------
+    FileError
+        The file is missing, damaged or not OpenEXR.
+    """
+    import OpenEXR
+
+    try:
+        with Path(path).open("rb") as file:
+            if file.read(4) != EXR_MAGIC:
+                raise FileError(f"{path}: not an OpenEXR file")
+            file.seek(0)
+            image = OpenEXR.File(file, separate_channels=True)
+            planes = {name: channel.pixels for name, channel in image.channels().items()}
+            text = image.header().get(ATTRIBUTE, "{}")
+        description = json.loads(text)
+        if not isinstance(description, dict):
+            raise FileError(f"{path}: its attribute {ATTRIBUTE} is not a JSON object")
+    except OSError as error:
+        raise FileError(f"{path}: cannot read: {error.strerror or error}") from None
+    except FileError:
+        raise
+    except (RuntimeError, ValueError) as error:  # OpenEXR drops the parts that it cannot decode
+        raise FileError(f"{path}: damaged or unsupported OpenEXR file ({error})") from None
+    camera = description.pop("camera", None)
+    return _group(planes), camera and camera_from_json(camera, os.fspath(path)), description
+
+
+def world_to_camera(camera: Camera) -> NDArray[np.float32]:
+    """Return OpenEXR's worldToCamera.
+
+    Returns
+    -------
+    (4, 4) float32
+        Acts on row vectors (p' = p M): world space to x right, y up, z forward (left-handed), scene units.
+    """
+    return _row_vector_matrix(np.diag([1.0, -1.0, 1.0, 1.0]) @ camera.eye_from_world)
+
+
+def world_to_ndc(camera: Camera) -> NDArray[np.float32]:
+    """Return OpenEXR's worldToNDC.
+
+    Returns
+    -------
+    (4, 4) float32
+        Acts on row vectors: world space to (x, y, z, w), where (x/w, y/w) is (0, 0) at the image's upper
+        left and (1, 1) at its lower right corner. The standard leaves z open; z/w is 1/Z of eye space
+        for a perspective camera and Z for an orthographic one, so that the matrix can be inverted.
+    """
+    x, y = camera.fx / camera.width, camera.fy / camera.height
+    center_x, center_y = camera.cx / camera.width, camera.cy / camera.height
+    if camera.projection == "perspective":
+        ndc_from_eye = [[x, 0, center_x, 0], [0, y, center_y, 0], [0, 0, 0, 1], [0, 0, 1, 0]]
+    else:
+        ndc_from_eye = [[x, 0, 0, center_x], [0, y, 0, center_y], [0, 0, 1, 0], [0, 0, 0, 1]]
+    return _row_vector_matrix(np.array(ndc_from_eye) @ camera.eye_from_world)
+
+
+def _row_vector_matrix(matrix: NDArray[np.float64]) -> NDArray[np.float32]:
+    return np.ascontiguousarray(matrix.T, dtype=np.float32)
+
+
+def _planes(frame: Frame, aov: str) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield each channel of an AOV: its name and (H, W) contiguous float32 or uint32 (OpenEXR needs both)."""
+    pixels = np.asarray(frame[aov])
+    names = MULTI_CHANNEL.get(aov)
+    size = (frame.height, frame.width)
+    expected = (*size, len(names)) if names else size
+    if pixels.shape != expected:
+        raise SplatclError(f"AOV {aov} has shape {pixels.shape}; it must be {expected}")
+    dtype = np.uint32 if pixels.dtype.kind in "ui" else np.float32
+    if not names:
+        yield aov, np.ascontiguousarray(pixels, dtype=dtype)
+    for i, name in enumerate(names or ()):
+        yield name, np.ascontiguousarray(pixels[..., i], dtype=dtype)
+
+
+def _group(planes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    aovs = {}
+    for aov, names in MULTI_CHANNEL.items():
+        if all(name in planes for name in names):
+            aovs[aov] = np.stack([planes.pop(name) for name in names], axis=-1)
+    return aovs | planes
+
+
+def _describe(frame: Frame) -> str:
+    versions = {name: version(name) for name in ("splatcl", "numpy", "OpenEXR")}
+    description = {
+        **frame.metadata,
+        "camera": camera_to_json(frame.camera),
+        "settings": dataclasses.asdict(frame.settings),
+        "versions": {**versions, **frame.metadata.get("versions", {})},
+    }
+    return json.dumps(_plain(description), sort_keys=True, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    """Return `value` with NumPy's types and non-finite floats (as "inf", "-inf", "nan") made JSON's."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value if isinstance(value, str | int | float | None) else str(value)
