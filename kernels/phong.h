@@ -8,7 +8,7 @@ static inline reals3 shade_surface(const Surface *s, constant Shading *shading, 
   for (int i = 0; i < shading->num_lights; ++i) {
     const reals3 tint = {lights[i].red, lights[i].green, lights[i].blue};
     const reals3 place = {lights[i].x, lights[i].y, lights[i].z};
-    const reals3 to_light = normalize3(lights[i].is_point ? add3(place, scale3(s->position, R(-1.0))) : place);
+    const reals3 to_light = normalize3(lights[i].is_point > R(0.0) ? add3(place, scale3(s->position, R(-1.0))) : place);
     const real n_l = dot3(s->normal, to_light);
     if (!(n_l > R(0.0))) continue;
     const reals3 diffuse = scale3(tint, n_l * shading->diffuse);

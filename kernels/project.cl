@@ -63,10 +63,10 @@ static inline reals3 load3(global const real *planes, int stride, int i)
   return v;
 }
 
-// How far the disc reaches from its projected centre along one image axis, in pixels: [middle - half, middle + half].
+// How far the disc reaches from its projected centre along one image axis, in pixels: [middle - reach, middle + reach].
 // The tangents to the projected conic, relative to the centre so that nothing cancels.
 typedef struct {
-  reals middle, half;
+  reals middle, reach;
 } extent;
 
 static inline extent perspective_extent(reals slope, reals u, reals v, reals uz, reals vz, reals w, real focal)
@@ -197,18 +197,18 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
     extent nx = near_extent(c.x, sqrt(tu.x * tu.x + tv.x * tv.x), z_low, z_high, x_origin, view->fx_hi);
     extent ny = near_extent(c.y, sqrt(tu.y * tu.y + tv.y * tv.y), z_low, z_high, y_origin, view->fy_hi);
     ex.middle = SELECT(nx.middle, ex.middle, exact);
-    ex.half = SELECT(nx.half, ex.half, exact);
+    ex.reach = SELECT(nx.reach, ex.reach, exact);
     ey.middle = SELECT(ny.middle, ey.middle, exact);
-    ey.half = SELECT(ny.half, ey.half, exact);
+    ey.reach = SELECT(ny.reach, ey.reach, exact);
   }
 #endif
-  reals size = SELECT(ey.half, ex.half, MASK(ex.half > ey.half));
+  reals size = SELECT(ey.reach, ex.reach, MASK(ex.reach > ey.reach));
   reals slack = size * (SLACK_SIZE + SLACK_TILT * (distance / magnitude(facing_dot))) + SLACK_PIXELS;
   masks hittable = ~edge_on & MASK(c.z + reach >= view->near * R(0.99999)) & MASK(c.z - reach <= view->far * R(1.00001));
-  reals x_low = SELECT(NOWHERE, ex.middle - ex.half - slack, hittable);
-  reals x_high = SELECT(-NOWHERE, ex.middle + ex.half + slack, hittable);
-  reals y_low = SELECT(NOWHERE, ey.middle - ey.half - slack, hittable);
-  reals y_high = SELECT(-NOWHERE, ey.middle + ey.half + slack, hittable);
+  reals x_low = SELECT(NOWHERE, ex.middle - ex.reach - slack, hittable);
+  reals x_high = SELECT(-NOWHERE, ex.middle + ex.reach + slack, hittable);
+  reals y_low = SELECT(NOWHERE, ey.middle - ey.reach - slack, hittable);
+  reals y_high = SELECT(-NOWHERE, ey.middle + ey.reach + slack, hittable);
 
   // The pre-filter's disc around the projected centre, or around the centre of those bounds.
   masks filtered = MASK(c.z >= view->near) & MASK(c.z <= view->far) & (masks)(view->prefilter ? -1 : 0);

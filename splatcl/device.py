@@ -12,6 +12,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from splatcl.errors import DeviceError
 
 FLAG_VARIABLES = ("PYOPENCL_BUILD_OPTIONS", "POCL_EXTRA_BUILD_FLAGS")
@@ -219,3 +222,25 @@ class DeviceQueue:
             del held
             self._scratch[name] = self.buffer(num_bytes)
         return self._scratch[name]
+
+    def clear(self, buffer: Any, num_bytes: int) -> None:
+        """Set the first `num_bytes` of `buffer` to zero."""
+        import pyopencl as cl
+
+        if num_bytes:
+            cl.enqueue_fill_buffer(self.queue, buffer, np.uint32(0), 0, num_bytes)
+
+    def write(self, buffer: Any, array: NDArray[Any]) -> None:
+        """Copy a contiguous `array` to the start of `buffer`."""
+        import pyopencl as cl
+
+        cl.enqueue_copy(self.queue, buffer, array)
+
+    def read(self, buffer: Any, shape: tuple[int, ...], dtype: Any) -> NDArray[Any]:
+        """Return a copy of the start of `buffer` as an array."""
+        import pyopencl as cl
+
+        array = np.empty(shape, dtype)
+        if array.size:
+            cl.enqueue_copy(self.queue, array, buffer)
+        return array

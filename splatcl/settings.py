@@ -18,6 +18,7 @@ Kernel = Literal["gaussian", "constant", "table"]
 KernelLookup = Literal["nearest", "linear"]
 Facing = Literal["keep", "flip", "cull"]
 Shader = Literal["phong", "albedo", "normal"]
+Precision = Literal["single", "double"]
 
 MAX_CUTOFF = 8.0
 MAX_TABLE = 4096
@@ -52,6 +53,8 @@ class RenderSettings:
     shader : {"phong", "albedo", "normal"}
     lights : tuple of Light
     material : Material
+    precision : {"single", "double"}
+        Arithmetic and sums in float32 or float64.
 
     Raises
     ------
@@ -72,6 +75,7 @@ class RenderSettings:
     shader: Shader = "phong"
     lights: tuple[Light, ...] = (Light(),)
     material: Material = Material()
+    precision: Precision = "single"
 
     def __post_init__(self) -> None:
         _check_choices(self)

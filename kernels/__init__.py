@@ -1,0 +1,1 @@
+"""The OpenCL sources, shipped in the wheel as splatcl.kernels."""

@@ -1,0 +1,315 @@
+"""The passes on the device, one function each, in order: project, bin, visibility, attributes, shade.
+
+Each launches the kernels of the file of the same name in kernels/ and returns a small frozen dataclass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splatcl.camera import Camera
+from splatcl.errors import SettingsError
+from splatcl.layout import structs
+from splatcl.lights import Light
+from splatcl.settings import Precision, RenderSettings
+
+if TYPE_CHECKING:
+    from splatcl.device import DeviceQueue
+
+REAL: dict[Precision, str] = {"single": "f4", "double": "f8"}
+ATTRIBUTE_PLANES = ("center", "tangent_u", "tangent_v", "color")
+PLANE_PAD = 16
+"""Planes of splats are padded to the widest vector, so that the last one may be read whole."""
+MAX_CHUNKS = 64
+MIN_CHUNK = 1024
+MAX_BAND_RECORDS = 8 << 20
+"""Records of one band of tiles: 768 MiB in single precision; a single tile may need more."""
+FACING = {"keep": 0, "flip": 1, "cull": 2}
+
+
+@dataclass(frozen=True)
+class ProjectedSplats:
+    """Survivors of the projection, compact and in order within each chunk; tile counts per chunk."""
+
+    records: Any
+    attributes: Any
+    num_survivors: Any
+    tile_counts: Any
+    num_chunks: int
+    chunk_size: int
+    tiles_x: int
+    num_tiles: int
+
+
+@dataclass(frozen=True)
+class TileLists:
+    """Runs of records, one run per tile of the band [first_tile, last_tile), in splat order."""
+
+    records: Any
+    attributes: Any
+    begin: NDArray[np.int32]
+    begin_buffer: Any
+    first_tile: int
+    last_tile: int
+    tiles_x: int
+
+
+@dataclass(frozen=True)
+class DepthBuffer:
+    """Visibility depth (eye z, +inf where none) and the splat that set it (0xFFFFFFFF none), (H, W)."""
+
+    depth: Any
+    particleid: Any
+
+
+@dataclass(frozen=True)
+class GBuffer:
+    """Sums over accepted fragments: weight (H, W), color and normal (H, W, 3), depth (H, W), count (H, W)."""
+
+    weight_sum: Any
+    color_sum: Any
+    normal_sum: Any
+    depth_sum: Any
+    count: Any
+
+
+@dataclass(frozen=True)
+class ResidentSplats:
+    """Splats on the device, as planes relative to `origin` (world space, float64)."""
+
+    center: Any
+    tangent_u: Any
+    tangent_v: Any
+    color: Any
+    origin: NDArray[np.float64]
+    num_splats: int
+    stride: int
+
+
+class Passes:
+    """What every pass of one frame needs: the device, the camera and settings as structs, the tile grid."""
+
+    def __init__(
+        self, device: DeviceQueue, camera: Camera, settings: RenderSettings, tile_size: int, precision: Precision
+    ) -> None:
+        self.device, self.camera, self.settings, self.tile_size = device, camera, settings, tile_size
+        self.real = np.dtype(REAL[precision])
+        self.dtypes, self.declarations = structs(device.info.handle, REAL[precision])
+        self.tiles_x = -(-camera.width // tile_size)
+        self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
+        self.num_pixels = camera.width * camera.height
+
+    def program(self, name: str, lanes: int | None = None, **options: str | int) -> Any:
+        """Return kernels/`name`.cl built for this frame's precision and camera."""
+        common = {
+            "LANES": lanes or self.device.lanes,
+            "DOUBLE": int(self.real == np.float64),
+            "TILE": self.tile_size,
+            "ORTHOGRAPHIC": int(self.camera.projection == "orthographic"),
+        }
+        return self.device.program(f"{name}.cl", self.declarations, **common, **options)
+
+    def image(self, channels: int = 1, dtype: Any = None) -> Any:
+        """Return a new image buffer of (H, W, channels)."""
+        return self.device.buffer(self.num_pixels * channels * np.dtype(dtype or self.real).itemsize)
+
+    def constant(self, array: NDArray[Any]) -> Any:
+        """Return `array` as a buffer on the device."""
+        import pyopencl as cl
+
+        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
+        return cl.Buffer(self.device.context, flags, hostbuf=np.ascontiguousarray(array))
+
+    def view(self, origin: NDArray[np.float64]) -> Any:
+        """Return the View struct: the camera for world coordinates relative to `origin`, to twice the precision."""
+        camera, view = self.camera, np.zeros(1, self.dtypes["View"])
+        rotation = camera.eye_from_world[:3, :3]
+        translation = camera.eye_from_world[:3, 3] + rotation @ origin
+        exact = {f"r{i}{j}": rotation[i, j] for i in range(3) for j in range(3)}
+        exact |= {f"t{i}": translation[i] for i in range(3)}
+        exact |= {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx - 0.5, "cy": camera.cy - 0.5}
+        for name, value in exact.items():
+            view[f"{name}_hi"] = value
+            view[f"{name}_lo"] = value - view[f"{name}_hi"].astype(np.float64)
+        view["near"], view["far"] = camera.near, camera.far
+        view["prefilter_radius"] = self.settings.prefilter_radius
+        view["width"], view["height"] = camera.width, camera.height
+        view["facing"] = FACING[self.settings.facing]
+        view["prefilter"] = self.settings.prefilter == "min"
+        view["prefilter_at_bounds"] = self.settings.prefilter_center == "bounds"
+        return self.constant(view)
+
+
+def upload(device: DeviceQueue, splats: Any, precision: Precision) -> ResidentSplats:
+    """Copy splats to the device as planes of x, y, z (or r, g, b), relative to an origin near them."""
+    real = np.dtype(REAL[precision])
+    origin = near_origin(splats.center)
+    num = len(splats)
+    stride = -(-max(num, 1) // PLANE_PAD) * PLANE_PAD
+    buffers = {}
+    for name in ATTRIBUTE_PLANES:
+        planes = np.zeros((3, stride), real)
+        values = getattr(splats, name)
+        planes[:, :num] = ((values - origin) if name == "center" and origin.any() else values).T
+        buffers[name] = device.buffer(planes.nbytes)
+        device.write(buffers[name], planes)
+    return ResidentSplats(**buffers, origin=origin, num_splats=num, stride=stride)
+
+
+def near_origin(center: NDArray[Any]) -> NDArray[np.float64]:
+    """Return (3,) the origin to subtract in double: 0 on an axis where float32 loses nothing much without it.
+
+    It is a float32 number, so that float32 centres lose no bit by the subtraction.
+    """
+    if not len(center):
+        return np.zeros(3)
+    low, high = center.min(axis=0).astype(np.float64), center.max(axis=0).astype(np.float64)
+    middle = (low + high) / 2
+    return np.where(np.abs(middle) > 4 * (high - low), middle.astype(np.float32).astype(np.float64), 0.0)
+
+
+def project(passes: Passes, view: Any, splats: ResidentSplats) -> ProjectedSplats:
+    """Project, cull and bound every splat; count the splats of each chunk in each tile (kernels/project.cl)."""
+    device, num_tiles = passes.device, passes.num_tiles
+    per_chunk = max(-(-splats.num_splats // MAX_CHUNKS), MIN_CHUNK)
+    chunk_size = -(-per_chunk // PLANE_PAD) * PLANE_PAD
+    num_chunks = -(-splats.num_splats // chunk_size)
+    records = device.scratch("records", splats.num_splats * passes.dtypes["ProjectedSplat"].itemsize)
+    attributes = device.scratch("attributes", splats.num_splats * passes.dtypes["SplatAttributes"].itemsize)
+    num_survivors = device.scratch("num_survivors", num_chunks * 4)
+    tile_counts = device.scratch("tile_counts", num_chunks * num_tiles * 4)
+    device.clear(tile_counts, num_chunks * num_tiles * 4)
+    arrays = (splats.center, splats.tangent_u, splats.tangent_v, splats.color)
+    sizes = map(np.int32, (splats.num_splats, splats.stride, chunk_size))
+    outputs = (records, attributes, num_survivors, tile_counts)
+    passes.program("project")(
+        device.queue, "project", (num_chunks,), view, *arrays, *sizes, *outputs, np.int32(passes.tiles_x), np.int32(num_tiles)
+    )
+    return ProjectedSplats(*outputs, num_chunks, chunk_size, passes.tiles_x, num_tiles)
+
+
+def bin(passes: Passes, projected: ProjectedSplats) -> Iterator[TileLists]:  # noqa: A001 - the pass's name
+    """Sort the records into one run per tile, a band of tiles at a time so that memory stays bounded (kernels/bin.cl)."""
+    device, dtypes = passes.device, passes.dtypes
+    num_chunks, num_tiles = np.int32(projected.num_chunks), np.int32(projected.num_tiles)
+    program = passes.program("bin", lanes=1)
+    totals_buffer = device.scratch("tile_totals", projected.num_tiles * 4)
+    program(device.queue, "bin_totals", (projected.num_tiles,), projected.tile_counts, totals_buffer, num_chunks, num_tiles)
+    totals = device.read(totals_buffer, (projected.num_tiles,), np.int32)
+    for first, last in bands(totals):
+        begin = np.concatenate([[0], np.cumsum(totals[first:last])]).astype(np.int32)
+        begin_buffer = passes.constant(begin)
+        records = device.scratch("run_records", int(begin[-1]) * dtypes["ProjectedSplat"].itemsize)
+        attributes = device.scratch("run_attributes", int(begin[-1]) * dtypes["SplatAttributes"].itemsize)
+        program(
+            device.queue, "bin_offsets", (last - first,), projected.tile_counts, begin_buffer, num_chunks, num_tiles, np.int32(first)
+        )
+        program(
+            device.queue, "bin_scatter", (projected.num_chunks,), projected.records, projected.attributes,
+            projected.num_survivors, np.int32(projected.chunk_size), projected.tile_counts, records, attributes,
+            np.int32(projected.tiles_x), num_tiles, np.int32(first), np.int32(last),
+        )  # fmt: skip
+        yield TileLists(records, attributes, begin, begin_buffer, first, last, projected.tiles_x)
+
+
+def bands(totals: NDArray[np.int32], max_records: int = MAX_BAND_RECORDS) -> Iterator[tuple[int, int]]:
+    """Cut the tiles into consecutive ranges of at most `max_records` records, at least one tile each."""
+    ends = np.cumsum(totals, dtype=np.int64)
+    first, done = 0, 0
+    while first < len(totals):
+        last = max(int(np.searchsorted(ends, done + max_records, side="right")), first + 1)
+        yield first, last
+        first, done = last, int(ends[last - 1])
+
+
+def visibility(passes: Passes, lists: TileLists, depth: DepthBuffer) -> None:
+    """Fill the band's part of `depth`: the nearest disc of each pixel (kernels/visibility.cl)."""
+    camera, real = passes.camera, passes.real.type
+    passes.program("visibility")(
+        passes.device.queue, "visibility", (lists.last_tile - lists.first_tile,), lists.records, lists.begin_buffer,
+        np.int32(lists.first_tile), np.int32(lists.tiles_x), np.int32(camera.width), np.int32(camera.height),
+        real(camera.near), real(camera.far), depth.depth, depth.particleid,
+    )  # fmt: skip
+
+
+def attributes(
+    passes: Passes, view: Any, lists: TileLists, depth: DepthBuffer, epsilon: float, gbuffer: GBuffer
+) -> None:
+    """Fill the band's part of `gbuffer`: sums over fragments within `epsilon` of `depth` (kernels/attributes.cl)."""
+    settings, real = passes.settings, passes.real.type
+    kernel = {"gaussian": 0, "constant": 1, "table": 2}[settings.kernel]
+    kernel += settings.kernel == "table" and settings.kernel_lookup == "linear"
+    table = np.array(settings.kernel_table or (0,), passes.real)
+    passes.program("attributes", PREFILTER=int(settings.prefilter == "min"), KERNEL=int(kernel))(
+        passes.device.queue, "attributes", (lists.last_tile - lists.first_tile,), view, lists.records, lists.attributes,
+        lists.begin_buffer, np.int32(lists.first_tile), np.int32(lists.tiles_x), real(epsilon),
+        np.int32(settings.along == "ray"), real(-(settings.cutoff**2) / 2), real(settings.prefilter_radius**-2),
+        passes.constant(table), np.int32(len(table)), depth.depth, gbuffer.weight_sum, gbuffer.color_sum,
+        gbuffer.normal_sum, gbuffer.depth_sum, gbuffer.count,
+    )  # fmt: skip
+
+
+def shade(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> Any:
+    """Return the (H, W, 4) linear RGBA buffer, shaded once per pixel (kernels/shade.cl)."""
+    settings, lights = passes.settings, passes.settings.lights
+    shading = np.zeros(1, passes.dtypes["Shading"])
+    for name in ("ambient", "diffuse", "specular", "shininess"):
+        shading[name] = getattr(settings.material, name)
+    shading["num_lights"] = len(lights)
+    structs_ = np.array([_eye_light(light, passes.camera) for light in lights or (Light(),)], passes.dtypes["PhongLight"])
+    color = passes.image(4)
+    _shade_program(passes)(
+        passes.device.queue, "shade", (passes.camera.width, passes.camera.height), view, passes.constant(shading),
+        passes.constant(structs_), *_sums(depth, gbuffer), color,
+    )  # fmt: skip
+    return color
+
+
+def resolve(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> dict[str, Any]:
+    """Return buffers of what the sums say of the surface: P, N, albedo, depth.mean, depth.distance."""
+    surface = {"P": 3, "N": 3, "albedo": 3, "depth.mean": 1, "depth.distance": 1}
+    buffers = {name: passes.image(channels) for name, channels in surface.items()}
+    size = (passes.camera.width, passes.camera.height)
+    _shade_program(passes)(passes.device.queue, "resolve", size, view, *_sums(depth, gbuffer), *buffers.values())
+    return buffers
+
+
+def _shade_program(passes: Passes) -> Any:
+    return passes.program("shade", lanes=1, SHADER=f'"{passes.settings.shader}.h"')
+
+
+def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:
+    return depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum
+
+
+def _eye_light(light: Light, camera: Camera) -> tuple[float, ...]:
+    """Fields of PhongLight: a position (is_point 1) or the direction toward the light, in eye space."""
+    rotation, vector = camera.eye_from_world[:3, :3], np.array(light.vector, np.float64)
+    if light.kind == "headlight":
+        is_point, eye = camera.projection == "perspective", np.zeros(3)
+        eye[2] = 0.0 if is_point else -1.0
+    elif light.kind == "point":
+        is_point, eye = True, rotation @ vector + camera.eye_from_world[:3, 3]
+    else:
+        is_point, eye = False, rotation @ (vector / np.linalg.norm(vector))
+    return (*eye, float(is_point), *light.color)
+
+
+def effective_settings(settings: RenderSettings, oriented: bool) -> RenderSettings:
+    """Return the settings for splats whose normals may have no sign: they are turned toward the eye.
+
+    Raises
+    ------
+    SettingsError
+        Culling back faces of normals without a sign.
+    """
+    if oriented or settings.facing == "flip":
+        return settings
+    if settings.facing == "cull":
+        raise SettingsError("facing='cull' needs oriented normals, but these were estimated and have no sign")
+    return replace(settings, facing="flip")

@@ -1,0 +1,182 @@
+"""render(): splats and a camera in, a Frame out; Renderer keeps the device and its buffers between frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splatcl import pipeline
+from splatcl.camera import Camera
+from splatcl.device import DeviceInfo, DeviceQueue
+from splatcl.errors import SettingsError
+from splatcl.frame import Frame
+from splatcl.pipeline import DepthBuffer, GBuffer, Passes, ResidentSplats
+from splatcl.settings import Precision, RenderSettings
+from splatcl.splats import Splats
+
+TILE_SIZES = (8, 16, 32, 64)
+
+
+@dataclass(frozen=True)
+class Resident:
+    """Splats that were uploaded once for many frames (`Renderer.upload`)."""
+
+    splats: Splats
+    auto_epsilon: float
+    _on_device: dict[Precision, ResidentSplats] = field(default_factory=dict, repr=False)
+
+
+class Renderer:
+    """Renders frames on one OpenCL device, which it opens once.
+
+    Parameters
+    ----------
+    device : str or int, optional
+        An index of `splatcl devices` or words of a platform's, version's or device's name; SPLATCL_DEVICE and
+        then PoCL's CPU by default.
+    tile_size : {8, 16, 32, 64}
+        Pixels; changes speed only, never a bit of the image.
+    lanes : {1, 4, 8, 16}, optional
+        Vector width; changes speed only.
+
+    Raises
+    ------
+    DeviceError
+        No such device, or it does not start.
+    SettingsError
+        A tile size or a number of lanes that the kernels do not have.
+    """
+
+    def __init__(self, device: str | int | None = None, tile_size: int = 16, lanes: int | None = None) -> None:
+        if tile_size not in TILE_SIZES:
+            raise SettingsError(f"tile_size {tile_size} is not one of {TILE_SIZES}")
+        if lanes not in (None, 1, 4, 8, 16):
+            raise SettingsError(f"lanes {lanes} is not 1, 4, 8 or 16")
+        self._device = DeviceQueue(device, lanes)
+        self.tile_size = tile_size
+
+    @property
+    def device(self) -> DeviceInfo:
+        """The device in use."""
+        return self._device.info
+
+    def upload(self, splats: Splats) -> Resident:
+        """Return `splats` for many renders with one upload."""
+        return Resident(splats, float(np.median(splats.radius)) if len(splats) else 0.0)
+
+    def render(
+        self, splats: Splats | Resident, camera: Camera, settings: RenderSettings | None = None
+    ) -> Frame:
+        """Render one frame; see `render`."""
+        resident = splats if isinstance(splats, Resident) else self.upload(splats)
+        settings = pipeline.effective_settings(settings or RenderSettings(), resident.splats.oriented)
+        epsilon = resident.auto_epsilon if settings.epsilon == "auto" else settings.epsilon
+        passes = Passes(self._device, camera, settings, self.tile_size, settings.precision)
+        with self._device.lock:
+            on_device = self._resident(resident, settings.precision)
+            view = passes.view(on_device.origin)
+            projected = pipeline.project(passes, view, on_device)
+            depth = DepthBuffer(passes.image(), passes.image(dtype="u4"))
+            gbuffer = GBuffer(
+                passes.image(), passes.image(3), passes.image(3), passes.image(), passes.image(dtype="u4")
+            )
+            for lists in pipeline.bin(passes, projected):
+                pipeline.visibility(passes, lists, depth)
+                pipeline.attributes(passes, view, lists, depth, epsilon, gbuffer)
+            color = pipeline.shade(passes, view, depth, gbuffer)
+            aovs = DeviceAovs(passes, view, depth, gbuffer, color)
+        metadata = {
+            "epsilon": epsilon,
+            "num_splats": len(resident.splats),
+            "num_dropped": resident.splats.num_dropped,
+            "notes": list(resident.splats.notes),
+            "device": f"{self.device.version}, {self.device.name}",
+        }
+        return Frame(aovs, camera, settings, metadata)
+
+    def _resident(self, resident: Resident, precision: Precision) -> ResidentSplats:
+        if precision not in resident._on_device:
+            resident._on_device[precision] = pipeline.upload(self._device, resident.splats, precision)
+        return resident._on_device[precision]
+
+
+class DeviceAovs(Mapping[str, NDArray[Any]]):
+    """The AOVs of one frame, read from the device, and resolved there, when first asked for."""
+
+    def __init__(self, passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer, color: Any) -> None:
+        self._passes = passes
+        self._resolve: Callable[[], dict[str, Any]] = lambda: pipeline.resolve(passes, view, depth, gbuffer)
+        self._buffers: dict[str, tuple[Any, int, str]] = {
+            "color": (color, 4, ""),
+            "Z": (depth.depth, 1, ""),
+            "depth.mean": (None, 1, ""),
+            "depth.distance": (None, 1, ""),
+            "P": (None, 3, ""),
+            "N": (None, 3, ""),
+            "albedo": (None, 3, ""),
+            "weight": (gbuffer.weight_sum, 1, ""),
+            "count": (gbuffer.count, 1, "u4"),
+            "particleid": (depth.particleid, 1, "u4"),
+        }
+        self._arrays: dict[str, NDArray[Any]] = {}
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        with self._passes.device.lock:
+            if name not in self._arrays:
+                self._arrays[name] = self._read(name)
+        return self._arrays[name]
+
+    def _read(self, name: str) -> NDArray[Any]:
+        if self._buffers[name][0] is None:
+            for resolved, buffer in self._resolve().items():
+                self._buffers[resolved] = (buffer, *self._buffers[resolved][1:])
+        buffer, channels, dtype = self._buffers[name]
+        camera = self._passes.camera
+        shape = (camera.height, camera.width) + ((channels,) if channels > 1 else ())
+        return self._passes.device.read(buffer, shape, dtype or self._passes.real)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._buffers)
+
+    def __len__(self) -> int:
+        return len(self._buffers)
+
+
+@cache
+def default_renderer(device: str | int | None = None) -> Renderer:
+    """Return this process's renderer for `device`, opened once."""
+    return Renderer(device)
+
+
+def render(
+    splats: Splats, camera: Camera, settings: RenderSettings | None = None, *, device: str | int | None = None
+) -> Frame:
+    """Render splats: project, bin, visibility, attributes, shade ([BHZK05] figure 1).
+
+    Parameters
+    ----------
+    splats : Splats
+    camera : Camera
+    settings : RenderSettings, optional
+        The paper's defaults where omitted.
+    device : str or int, optional
+        As for `Renderer`.
+
+    Returns
+    -------
+    Frame
+        `frame.color` (H, W, 4) float32 linear RGBA and every AOV by name.
+
+    Raises
+    ------
+    SettingsError
+        The settings have no meaning for these splats.
+    DeviceError
+        No usable device, or the image is too large for it.
+    """
+    return default_renderer(device).render(splats, camera, settings)
