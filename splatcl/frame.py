@@ -61,12 +61,12 @@ class Frame:
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         """Return an AOV; `SplatclError` names the choices if there is none of that name."""
-        if name not in self._aovs:
+        if name not in self:
             raise SplatclError(f"no AOV {name!r} in this frame; it has {', '.join(self._aovs)}")
         return self._aovs[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._aovs
+        return name in self.keys()  # a Mapping may compute the value to answer `in`
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._aovs)

@@ -23,9 +23,6 @@ class Lazy(Mapping):
         self.computed.append(name)
         return self.arrays[name]
 
-    def __contains__(self, name):
-        return name in self.arrays
-
     def __iter__(self):
         return iter(self.arrays)
 

@@ -75,3 +75,11 @@ def to_srgb8(color: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
         encoded[top : top + BAND, :, :3] = np.rint(255 * curved)
         encoded[top : top + BAND, :, 3] = np.rint(255 * np.clip(band[..., 3], 0.0, 1.0))
     return encoded
+
+
+def check_exposure(exposure: float) -> None:
+    """Raise `SettingsError` unless `exposure` is a number of stops that a PNG can be made with."""
+    if not -MAX_EXPOSURE <= exposure <= MAX_EXPOSURE:
+        raise SettingsError(
+            f"exposure {exposure} is not between -{MAX_EXPOSURE:g} and {MAX_EXPOSURE:g} stops"
+        )
