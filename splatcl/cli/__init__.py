@@ -11,7 +11,7 @@ from cyclopts import App, CycloptsError, Parameter
 
 from splatcl.errors import SplatclError
 
-FAILED, MISTAKE, INTERRUPTED, BROKEN_PIPE = 1, 2, 130, 141
+FAILED, MISTAKE, INTERRUPTED = 1, 2, 130
 
 
 def _version() -> str:
@@ -60,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         # The interpreter flushes stdout once more at its end: let that go nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return BROKEN_PIPE
+        return FAILED
     except CycloptsError as error:
         return _report(" ".join(str(error).split()), MISTAKE)
     except SplatclError as error:

@@ -82,7 +82,7 @@ class View:
 
     def image_size(self) -> tuple[int, int]:
         """Return width and height, pixels."""
-        match = re.fullmatch(r"(\d{1,9})x(\d{1,9})", self.size or DEFAULT_SIZE)
+        match = re.fullmatch(r"([1-9]\d{0,8})x([1-9]\d{0,8})", self.size or DEFAULT_SIZE)
         if not match:
             raise CameraError(f"--size {self.size!r} is not WIDTHxHEIGHT, such as 800x600")
         return int(match[1]), int(match[2])
