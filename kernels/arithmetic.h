@@ -1,11 +1,11 @@
 // The strict arithmetic profile: every operation below is correctly rounded and in a fixed order, so that
 // every OpenCL runtime computes the same bits. Only + - * / sqrt, comparisons, selects and bit casts are used.
 //
-// LANES  how many pixels or splats one value holds (1, 4, 8, 16)
+// LANES  how many pixels or splats one value holds (1, 4, 8)
 // DOUBLE 0: float, 1: double
 
 #ifndef LANES
-#error "build option LANES is missing: 1, 4, 8 or 16"
+#error "build option LANES is missing: 1, 4 or 8"
 #endif
 #ifndef DOUBLE
 #error "build option DOUBLE is missing: 0 for float, 1 for double"

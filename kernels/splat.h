@@ -13,16 +13,11 @@
 #define BLOCK_Y 2
 #define LANE_X ((reals)(0, 1, 0, 1))
 #define LANE_Y ((reals)(0, 0, 1, 1))
-#elif LANES == 8
+#else
 #define BLOCK_X 4
 #define BLOCK_Y 2
 #define LANE_X ((reals)(0, 1, 2, 3, 0, 1, 2, 3))
 #define LANE_Y ((reals)(0, 0, 0, 0, 1, 1, 1, 1))
-#else
-#define BLOCK_X 4
-#define BLOCK_Y 4
-#define LANE_X ((reals)(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3))
-#define LANE_Y ((reals)(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3))
 #endif
 #define BLOCKS_X (TILE / BLOCK_X)
 #define BLOCKS_Y (TILE / BLOCK_Y)

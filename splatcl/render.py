@@ -41,8 +41,8 @@ class Renderer:
         then PoCL's CPU by default.
     tile_size : {8, 16, 32, 64}
         Pixels; changes speed only, never a bit of the image.
-    lanes : {1, 4, 8, 16}, optional
-        Vector width; changes speed only.
+    lanes : {1, 4, 8}, optional
+        Vector width; changes speed only. (PoCL 3.0 aborts on 16-wide arithmetic.)
 
     Raises
     ------
@@ -55,8 +55,8 @@ class Renderer:
     def __init__(self, device: str | int | None = None, tile_size: int = 16, lanes: int | None = None) -> None:
         if tile_size not in TILE_SIZES:
             raise SettingsError(f"tile_size {tile_size} is not one of {TILE_SIZES}")
-        if lanes not in (None, 1, 4, 8, 16):
-            raise SettingsError(f"lanes {lanes} is not 1, 4, 8 or 16")
+        if lanes not in (None, 1, 4, 8):
+            raise SettingsError(f"lanes {lanes} is not 1, 4 or 8")
         self._device = DeviceQueue(device, lanes)
         self.tile_size = tile_size
 
