@@ -248,3 +248,9 @@ def test_bad_files_are_errors_that_name_the_file(tmp_path):
         read_exr(tmp_path / "missing.exr")
     with pytest.raises(FileError, match="directory"):
         read_exr(tmp_path)
+
+
+def test_the_order_of_metadata_does_not_change_the_bytes(tmp_path):
+    make_frame(epsilon=1.0, device="x").save(tmp_path / "a.exr")
+    make_frame(device="x", epsilon=1.0).save(tmp_path / "b.exr")
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
