@@ -49,11 +49,12 @@ static inline void accumulate(sums *t, const SplatAttributes *a, const fragment 
   t->count -= UINT_MASK(accepted);
 }
 
-// depth(p) + epsilon; epsilon along the ray is shorter along z.
+// depth(p) + epsilon; epsilon along a perspective ray is shorter along z.
 static inline real farthest_accepted(constant View *view, int x, int y, real depth, real epsilon, int along_ray)
 {
+  if (ORTHOGRAPHIC || !along_ray) return depth + epsilon;
   const real dx = ray_x(view, x), dy = ray_y(view, y);
-  return depth + (along_ray ? epsilon / sqrt((dx * dx + dy * dy) + R(1.0)) : epsilon);
+  return depth + epsilon / sqrt((dx * dx + dy * dy) + R(1.0));
 }
 
 kernel void attributes(constant View *view, global const ProjectedSplat *records,

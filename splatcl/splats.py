@@ -110,7 +110,7 @@ class Splats:
         return replace(self, **{name: getattr(self, name)[key] for name in fields}, on_invalid="error")
 
 
-REASONS = ("", "a non-finite number", "a number beyond 1e15", "no area")
+REASONS = ("", "a non-finite number", "a number beyond 1e15", "an area |t_u x t_v| below 1e-15")
 
 
 def invalid_splats(
