@@ -1,0 +1,255 @@
+"""Estimate splats for points: normals from the nearest neighbours, tangent axes from the Voronoi cell.
+
+A disc must cover its point's Voronoi cell in the tangent plane, or the surface has holes. Each disc is
+therefore (nearly) the least ellipse about its point that contains the cell.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from splatcl.cells import covering_ellipse, tangent_frame
+from splatcl.errors import InvalidSplatsError
+from splatcl.splats import MAX_MAGNITUDE, OnInvalid, Splats
+
+NUM_NEIGHBORS = 20
+SPACING_NEIGHBOR = 6
+"""A point's spacing is its distance to this neighbour: about the ring of direct neighbours on a surface."""
+REACH = 1.75
+"""A Voronoi vertex farther than this many spacings lies beyond the surface's boundary, not in a gap of it."""
+MARGIN = 1.05
+"""Discs are this much larger than their cells: they are tilted against each other on a curved surface."""
+LONE_RADIUS = 1.0
+"""Radius of a point that has no other point to measure a spacing from, scene units."""
+CHUNK = 8192
+"""Points per chunk: about 40 MB of temporaries for each thread."""
+
+REASONS = (
+    "",
+    "a non-finite coordinate",
+    "a coordinate beyond 1e15",
+    "a zero or non-finite normal",
+    "a non-finite colour",
+    "a radius that is not positive",
+)
+
+
+def splats_from_points(
+    points: ArrayLike,
+    normals: ArrayLike | None = None,
+    color: ArrayLike | None = None,
+    radius: ArrayLike | None = None,
+    *,
+    num_neighbors: int = NUM_NEIGHBORS,
+    on_invalid: OnInvalid = "error",
+    notes: Iterable[str] = (),
+) -> Splats:
+    """Make splats that cover the surface which the points sample.
+
+    Parameters
+    ----------
+    points : (N, 3) float array
+        World space, scene units; float32 and float64 are kept.
+    normals : (N, 3) float array, optional
+        Any length but zero. Estimated where omitted (their signs then mean nothing: ``oriented=False``).
+    color : (N, 3) float array, optional
+        Linear RGB.
+    radius : (N,) or scalar float array, optional
+        Makes circular discs of these radii, scene units. Estimated where omitted.
+    num_neighbors : int
+        Nearest neighbours that an estimate is made from, at least 3.
+    on_invalid : {"error", "drop"}
+        What to do with unusable points.
+    notes : iterable of str
+        Sentences to put before the ones about the estimates.
+
+    Returns
+    -------
+    Splats
+        One for each usable point, in order.
+
+    Raises
+    ------
+    InvalidSplatsError
+        Wrong shapes, no points, or unusable points under ``on_invalid="error"``.
+    """
+    arrays = _arrays(points, normals, color, radius)
+    reason = _invalid_points(arrays)
+    all_notes = list(notes)
+    num_dropped = int(np.count_nonzero(reason))
+    if num_dropped:
+        text = _describe(reason)
+        if on_invalid == "error":
+            raise InvalidSplatsError(f"{text}; drop them with on_invalid='drop'")
+        arrays = {name: array[reason == 0] for name, array in arrays.items()}
+        all_notes.append(f"dropped {text}")
+    if not len(arrays["points"]):
+        raise InvalidSplatsError("no usable point is left" if num_dropped else "there are no points")
+    tangents, note = _tangents(arrays, max(3, num_neighbors))
+    dtype = arrays["points"].dtype
+    return Splats(
+        arrays["points"],
+        tangents[0].astype(dtype),
+        tangents[1].astype(dtype),
+        arrays.get("color"),  # type: ignore[arg-type]
+        oriented=normals is not None,
+        num_dropped=num_dropped,
+        notes=(*all_notes, *note),
+        on_invalid=on_invalid,
+    )
+
+
+def estimate_spacing(points: ArrayLike) -> float:
+    """Return the median distance of a point to its nearest distinct neighbour, scene units; 0 for one point."""
+    unique = np.unique(np.asarray(points, np.float64), axis=0)
+    if len(unique) < 2:
+        return 0.0
+    return float(np.median(_tree(unique).query(unique, 2, workers=-1)[0][:, 1]))
+
+
+def _tangents(
+    arrays: dict[str, NDArray[Any]], num_neighbors: int
+) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Return (2, N, 3) tangent axes and a sentence on what of them was estimated."""
+    points, normals, radius = arrays["points"], arrays.get("normals"), arrays.get("radius")
+    if normals is not None:
+        normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    if normals is not None and radius is not None:
+        return np.stack(tangent_frame(normals)) * radius[:, None], ()
+    # Near the origin, so that a survey's large coordinates cost no precision.
+    local = points.astype(np.float64) - points.mean(axis=0, dtype=np.float64)
+    used = min(num_neighbors, len(points) - 1)
+    tangents = _estimate(local, normals, used)
+    what = [] if normals is not None else [f"normals (PCA, {used} neighbours)"]
+    if radius is not None:
+        tangents *= (radius / np.linalg.norm(tangents, axis=2))[..., None]
+    else:
+        median = np.median(np.linalg.norm(tangents, axis=2).max(axis=0))
+        what.append(f"radii (median {median:.3g})")
+    return tangents, (f"estimated {' and '.join(what)} for {len(points)} points",)
+
+
+def _estimate(
+    points: NDArray[np.float64], normals: NDArray[np.float64] | None, num_neighbors: int
+) -> NDArray[np.float64]:
+    """Return (2, N, 3) tangent axes; points at one place share what is estimated for the place."""
+    if not num_neighbors:
+        return (
+            np.stack(tangent_frame(np.array([[0.0, 0.0, 1.0]]) if normals is None else normals)) * LONE_RADIUS
+        )
+    tree = _tree(points)
+    spacing, nearest = _spacing(tree, points)
+    if nearest.min() > 0:
+        return _estimate_distinct(tree, points, spacing, normals, num_neighbors)
+    _, first, inverse = np.unique(points, axis=0, return_index=True, return_inverse=True)
+    inverse = inverse.reshape(-1)
+    distinct = points[first]
+    if normals is not None:
+        normals = np.stack([np.bincount(inverse, normals[:, axis]) for axis in range(3)], axis=1)
+        length = np.linalg.norm(normals, axis=1, keepdims=True)
+        normals = np.where(length > 1e-6, normals / np.maximum(length, 1e-6), (0.0, 0.0, 1.0))
+    return _estimate(distinct, normals, min(num_neighbors, len(distinct) - 1))[:, inverse]
+
+
+def _spacing(tree: Any, points: NDArray[np.float64]) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return (N,) distances to the `SPACING_NEIGHBOR`th neighbour and (N,) to the nearest."""
+    k = min(SPACING_NEIGHBOR, len(points) - 1)
+    distance = tree.query(points, [2, k + 1], workers=-1)[0]
+    return distance[:, 1].astype(np.float32), distance[:, 0]
+
+
+def _estimate_distinct(
+    tree: Any,
+    points: NDArray[np.float64],
+    spacing: NDArray[np.float32],
+    normals: NDArray[np.float64] | None,
+    num_neighbors: int,
+) -> NDArray[np.float64]:
+    tangents = np.empty((2, len(points), 3))
+
+    def estimate(start: int) -> None:
+        chunk = slice(start, start + CHUNK)
+        _, ids = tree.query(points[chunk], num_neighbors + 1)
+        offsets = points[ids[:, 1:]] - points[chunk, None]
+        frame = tangent_frame(_pca_normals(offsets) if normals is None else normals[chunk])
+        reach = REACH * np.median(spacing[ids], axis=1)
+        ellipse = covering_ellipse(offsets, frame, reach) * MARGIN
+        tangents[:, chunk] = np.einsum("naf,fnc->anc", ellipse, frame)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        for _ in pool.map(estimate, range(0, len(points), CHUNK)):
+            pass
+    return tangents
+
+
+def _pca_normals(offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (N, 3) unit normals of the planes through (N, K, 3) neighbours, given relative to their points.
+
+    The sign is fixed (the largest component is positive) so that it does not depend on LAPACK's.
+    """
+    total = offsets.shape[1] + 1
+    mean = offsets.sum(axis=1) / total
+    covariance = np.einsum("nki,nkj->nij", offsets, offsets) / total - mean[:, :, None] * mean[:, None, :]
+    normals = np.linalg.eigh(covariance)[1][:, :, 0]
+    rows = np.arange(len(normals))
+    return normals * np.sign(normals[rows, np.abs(normals).argmax(axis=1)])[:, None]
+
+
+def _tree(points: NDArray[np.float64]) -> Any:
+    from scipy.spatial import cKDTree
+
+    return cKDTree(points)
+
+
+def _arrays(points: ArrayLike, normals: Any, color: Any, radius: Any) -> dict[str, NDArray[Any]]:
+    """Return the given arrays as floats, checked for shape; `points` keeps float32 or float64."""
+    given = {"points": points, "normals": normals, "color": color, "radius": radius}
+    arrays = {}
+    for name, value in given.items():
+        if value is None:
+            continue
+        try:
+            array = np.asarray(value)
+            kept = name != "normals" and array.dtype in (np.float32, np.float64)
+            array = array if kept else array.astype(np.float64)
+        except (TypeError, ValueError) as error:
+            raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None
+        num = len(arrays["points"]) if arrays else len(array) if array.ndim else 0
+        if name == "radius" and array.ndim == 0:
+            array = np.full(num, array)
+        shape = (num,) if name == "radius" else (num, 3)
+        if array.shape != shape:
+            raise InvalidSplatsError(f"{name} has shape {array.shape}; it must be {shape}")
+        arrays[name] = array
+    return arrays
+
+
+def _invalid_points(arrays: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
+    """Return (N,) uint8: 0 for a usable point, else the index in `REASONS` of what is wrong with it."""
+    points = arrays["points"]
+    reason = np.zeros(len(points), np.uint8)
+    with np.errstate(invalid="ignore", over="ignore"):
+        if "radius" in arrays:
+            reason[~((arrays["radius"] > 0) & (arrays["radius"] < MAX_MAGNITUDE))] = 5
+        if "color" in arrays:
+            reason[~np.isfinite(arrays["color"]).all(axis=1)] = 4
+        if "normals" in arrays:
+            length = np.linalg.norm(arrays["normals"], axis=1)
+            reason[~((length > 0) & np.isfinite(length))] = 3
+        reason[(np.abs(points) > MAX_MAGNITUDE).any(axis=1)] = 2
+        reason[~np.isfinite(points).all(axis=1)] = 1
+    return reason
+
+
+def _describe(reason: NDArray[np.uint8]) -> str:
+    parts = [f"{count} with {REASONS[r]}" for r, count in enumerate(np.bincount(reason)) if r and count]
+    first = int(np.flatnonzero(reason)[0])
+    return (
+        f"{np.count_nonzero(reason)} of {len(reason)} points ({', '.join(parts)}; the first is point {first})"
+    )

@@ -1,0 +1,146 @@
+"""splatcl's own files: whole splats without loss, as a PLY that others can open or as NPZ."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splatcl.errors import FileError
+from splatcl.io.model import Model, foreign_errors
+from splatcl.splats import Splats
+
+GROUPS = {
+    "center": ("x", "y", "z"),
+    "tangent_u": ("tu_x", "tu_y", "tu_z"),
+    "tangent_v": ("tv_x", "tv_y", "tv_z"),
+    "color": ("red", "green", "blue"),
+}
+COLUMNS = frozenset(name for names in GROUPS.values() for name in names)
+COMMENT = "splatcl"
+"""Begins the header comment; a JSON object of what is not in the arrays follows."""
+
+
+def write(splats: Splats, path: str | os.PathLike[str]) -> None:
+    """Write splats so that `read` gives them back exactly.
+
+    Parameters
+    ----------
+    splats : Splats
+    path : path ending in .ply or .npz
+        Written under a temporary name first and then renamed, so that a reader never sees half a file. The
+        same splats give the same bytes.
+
+    Raises
+    ------
+    FileError
+        Another extension, or the file cannot be written.
+    """
+    path = Path(path)
+    writers = {".ply": _write_ply, ".npz": _write_npz}
+    writer = writers.get(path.suffix.lower())
+    if writer is None:
+        raise FileError(
+            f"{path}: splats are written as .ply or .npz, not {path.suffix or 'without an extension'}"
+        )
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as stream:
+            temporary = Path(stream.name)
+            try:
+                writer(splats, stream)
+                stream.close()
+                temporary.chmod(0o666 & ~_umask())
+                temporary.replace(path)
+            except BaseException:
+                temporary.unlink(missing_ok=True)
+                raise
+    except OSError as error:
+        raise FileError(f"{path}: cannot be written ({error.strerror or error})") from None
+
+
+def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], comments: list[str]) -> Model:
+    """Return the splats of a PLY's columns; without our comment they are taken as oriented."""
+    arrays = {group: np.stack([columns[n] for n in names], axis=1) for group, names in GROUPS.items()}
+    words = [comment.partition(" ") for comment in comments]
+    text = next((rest for first, _, rest in words if first == COMMENT and rest.startswith("{")), "{}")
+    return _model(path, f"{kind[:-1]}, splatcl)", arrays, text)
+
+
+def read_npz(path: Path) -> Model:
+    """Read the NPZ that `write` writes.
+
+    Raises
+    ------
+    FileError
+        Damaged, or arrays are missing.
+    """
+    with foreign_errors(path, "NPZ file", []), np.load(path, allow_pickle=False) as archive:
+        missing = [name for name in GROUPS if name not in archive]
+        if missing:
+            raise FileError(
+                f"{path}: has no array {missing[0]}; it needs {', '.join(GROUPS)} (and has {', '.join(archive)})"
+            )
+        arrays = {name: archive[name] for name in GROUPS}
+        text = str(archive["splatcl"]) if "splatcl" in archive else "{}"
+    for name, array in arrays.items():
+        if array.dtype.kind not in "fiu" or array.ndim != 2 or array.shape[1] != 3:
+            raise FileError(
+                f"{path}: array {name} is {array.dtype} of shape {array.shape}; it must be floats, (N, 3)"
+            )
+        if len(array) != len(arrays["center"]):
+            raise FileError(
+                f"{path}: array {name} has {len(array)} rows but center has {len(arrays['center'])}"
+            )
+    return _model(path, "NPZ (splatcl)", arrays, text)
+
+
+def _model(path: Path, kind: str, arrays: dict[str, NDArray[Any]], text: str) -> Model:
+    try:
+        extra = json.loads(text)
+        oriented, num_dropped = bool(extra.get("oriented", True)), int(extra.get("num_dropped", 0))
+        notes = tuple(str(note) for note in extra.get("notes", ()))
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        raise FileError(f"{path}: the splatcl comment in its header is damaged: {text[:80]!r}") from None
+    return Model(
+        path,
+        kind,
+        arrays["center"],
+        color=arrays["color"],
+        tangents=(arrays["tangent_u"], arrays["tangent_v"]),
+        oriented=oriented,
+        num_dropped=num_dropped,
+        notes=notes,
+    )
+
+
+def _extra(splats: Splats) -> str:
+    extra = {"oriented": splats.oriented, "num_dropped": splats.num_dropped, "notes": list(splats.notes)}
+    return json.dumps({"version": 1, **extra})
+
+
+def _write_ply(splats: Splats, stream: Any) -> None:
+    from plyfile import PlyData, PlyElement
+
+    dtype = [(name, getattr(splats, group).dtype) for group, names in GROUPS.items() for name in names]
+    rows = np.empty(len(splats), dtype)
+    for group, names in GROUPS.items():
+        for axis, name in enumerate(names):
+            rows[name] = getattr(splats, group)[:, axis]
+    vertex = PlyElement.describe(rows, "vertex")
+    PlyData([vertex], byte_order="<", comments=[f"{COMMENT} {_extra(splats)}"]).write(stream)
+
+
+def _write_npz(splats: Splats, stream: Any) -> None:
+    arrays = {group: getattr(splats, group) for group in GROUPS}
+    np.savez(stream, **arrays, splatcl=np.array(_extra(splats)))
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,201 @@
+"""Splats that cover a mesh: the Steiner circumellipse of each triangle, large triangles halved first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from splatcl.errors import InvalidSplatsError
+from splatcl.splats import MAX_MAGNITUDE, MIN_AREA, OnInvalid, Splats
+
+MAX_SIZE = 0.01
+"""Largest half axis of an ellipse, as a share of the bounding box's diagonal: it bounds how far a silhouette
+juts out."""
+MAX_SPLATS = 2_000_000
+"""Subdivision stops before it makes more splats than this."""
+MIN_ASPECT = 1e-6
+"""A triangle is degenerate where its ellipse's half axes are in a smaller ratio than this."""
+
+
+def splats_from_mesh(
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    color: ArrayLike | None = None,
+    normals: ArrayLike | None = None,
+    *,
+    max_size: float = MAX_SIZE,
+    on_invalid: OnInvalid = "error",
+    notes: Iterable[str] = (),
+) -> Splats:
+    """Make splats that cover every triangle of a mesh.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float array
+        World space, scene units; float32 and float64 are kept.
+    faces : (F, 3) int array
+        Vertex indices, counter-clockwise seen from outside.
+    color : (V, 3) or (F, 3) float array, optional
+        Linear RGB of vertices (a splat gets the mean of its corners) or faces; of vertices where V = F.
+    normals : (V, 3) float array, optional
+        Of vertices; they turn a triangle whose winding points the other way.
+    max_size : float
+        Triangles whose ellipse is longer than this share of the bounding box's diagonal are halved.
+    on_invalid : {"error", "drop"}
+        What to do with triangles that have a non-finite or huge corner or colour.
+    notes : iterable of str
+        Sentences to put before the ones about the conversion.
+
+    Returns
+    -------
+    Splats
+        In the order of the faces; the halves of a face follow each other.
+
+    Raises
+    ------
+    InvalidSplatsError
+        Wrong shapes, a face index out of range, no triangle with an area, or invalid triangles under
+        ``on_invalid="error"``.
+    """
+    corners, corner_color, face_normals = _corners(vertices, faces, color, normals)
+    all_notes = list(notes)
+    valid = _valid_triangles(corners, corner_color)
+    num_dropped = int(np.count_nonzero(~valid))
+    if num_dropped:
+        first = int(np.flatnonzero(~valid)[0])
+        text = f"{num_dropped} of {len(valid)} triangles with a non-finite or huge number (the first is face {first})"
+        if on_invalid == "error":
+            raise InvalidSplatsError(f"{text}; drop them with on_invalid='drop'")
+        all_notes.append(f"dropped {text}")
+    solid = valid & ~_degenerate(corners, valid)
+    num_degenerate = np.count_nonzero(valid & ~solid)
+    if num_degenerate:
+        all_notes.append(f"skipped {num_degenerate} of {len(valid)} triangles: no area")
+    if not solid.any():
+        raise InvalidSplatsError(
+            f"none of {len(solid)} triangles has finite corners and an area of 1e-15 or more"
+        )
+    corners, corner_color = corners[solid], None if corner_color is None else corner_color[solid]
+    if face_normals is not None:
+        flipped = _flip_to(corners, corner_color, face_normals[solid])
+        if flipped:
+            all_notes.append(f"turned {flipped} triangles to the side of their vertex normals")
+    num_faces = len(corners)
+    corners, corner_color = _halve_large(corners, corner_color, max_size)
+    halved = "" if len(corners) == num_faces else f", the large ones halved into {len(corners)} parts"
+    all_notes.append(f"covered {num_faces} triangles by their Steiner ellipses{halved}")
+    center, tangent_u, tangent_v = steiner_ellipses(corners)
+    dtype = np.result_type(np.asarray(vertices).dtype, np.float32)
+    arrays = [array.astype(dtype) for array in (center, tangent_u, tangent_v)]
+    mean = None if corner_color is None else corner_color.mean(axis=1).astype(np.float32)
+    return Splats(*arrays, mean, num_dropped=num_dropped, notes=tuple(all_notes), on_invalid=on_invalid)  # type: ignore[arg-type]
+
+
+def steiner_ellipses(corners: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Return the least-area ellipses through the corners of triangles.
+
+    Parameters
+    ----------
+    corners : (N, 3, 3) float array
+        Triangles, corners along the second axis.
+
+    Returns
+    -------
+    center, tangent_u, tangent_v : (N, 3) float arrays
+        Centroids and principal half axes, the longer first; u x v is on the side that the winding gives.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    center = (a + b + c) / 3
+    # Conjugate half-diameters p, q; turning them by t within the ellipse keeps them conjugate.
+    p, q = c - center, (a - b) / np.sqrt(3.0)
+    turn = 0.5 * np.arctan2(2 * np.einsum("ni,ni->n", p, q), np.einsum("ni,ni->n", p + q, p - q))
+    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
+    return center, cos * p + sin * q, cos * q - sin * p
+
+
+def face_out_of_range(faces: NDArray[Any], num_vertices: int) -> str | None:
+    """Say which face refers to a vertex that does not exist, or return None."""
+    bad = ((faces < 0) | (faces >= num_vertices)).any(axis=1)
+    if not bad.any():
+        return None
+    face = int(np.flatnonzero(bad)[0])
+    numbers = ", ".join(str(int(i)) for i in faces[face])
+    return f"face {face} refers to vertices {numbers}, but there are {num_vertices} (0 to {num_vertices - 1})"
+
+
+def _corners(vertices: Any, faces: Any, color: Any, normals: Any) -> tuple[Any, Any, Any]:
+    """Return (F, 3, 3) float64 corners, (F, 3, 3) corner colours and (F, 3) summed vertex normals, or None."""
+    arrays = {"vertices": vertices, "color": color, "normals": normals}
+    for name, value in arrays.items():
+        try:
+            arrays[name] = None if value is None else np.asarray(value, np.float64)
+        except (TypeError, ValueError) as error:
+            raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None
+    points, faces = arrays["vertices"], np.asarray(faces)
+    if points is None or points.ndim != 2 or points.shape[1] != 3:
+        raise InvalidSplatsError(f"vertices have shape {np.shape(vertices)}; it must be (V, 3)")
+    if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
+        raise InvalidSplatsError(
+            f"faces are {faces.dtype} of shape {faces.shape}; they must be integers, (F, 3)"
+        )
+    problem = face_out_of_range(faces, len(points))
+    if problem:
+        raise InvalidSplatsError(problem)
+    shapes = {"color": [points.shape, faces.shape], "normals": [points.shape]}
+    for name, allowed in shapes.items():
+        if arrays[name] is not None and arrays[name].shape not in allowed:
+            raise InvalidSplatsError(f"{name} has shape {arrays[name].shape}; it must be {allowed[0]}")
+    shade, turn = arrays["color"], arrays["normals"]
+    if shade is not None:
+        shade = shade[faces] if shade.shape == points.shape else np.repeat(shade[:, None], 3, axis=1)
+    return points[faces], shade, None if turn is None else turn[faces].sum(axis=1)
+
+
+def _valid_triangles(corners: NDArray[Any], color: NDArray[Any] | None) -> NDArray[np.bool_]:
+    parts = [corners] if color is None else [corners, color]
+    return np.logical_and.reduce([(np.abs(part) <= MAX_MAGNITUDE).all(axis=(1, 2)) for part in parts])
+
+
+def _degenerate(corners: NDArray[Any], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    _, u, v = steiner_ellipses(np.where(valid[:, None, None], corners, 0.0))
+    long, short = np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1)
+    return (long * short < 2 * MIN_AREA) | (short < MIN_ASPECT * long)
+
+
+def _flip_to(corners: NDArray[Any], color: NDArray[Any] | None, normals: NDArray[Any]) -> int:
+    """Swap two corners, in place, of triangles that wind against `normals`; return how many."""
+    winding = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    against = np.einsum("ni,ni->n", winding, normals) < 0
+    for array in (corners,) if color is None else (corners, color):
+        array[against] = array[against][:, [0, 2, 1]]
+    return int(np.count_nonzero(against))
+
+
+def _halve_large(
+    corners: NDArray[Any], color: NDArray[Any] | None, max_size: float
+) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    """Halve triangles at their longest edge until no ellipse is longer than `max_size` of the diagonal."""
+    spread = corners.reshape(-1, 3)
+    limit = max_size * float(np.linalg.norm(spread.max(axis=0) - spread.min(axis=0)))
+    while True:
+        large = np.linalg.norm(steiner_ellipses(corners)[1], axis=1) > limit
+        num = len(corners) + np.count_nonzero(large)
+        if not large.any() or num > MAX_SPLATS:
+            return corners, color
+        # Each large triangle is replaced in place by two: its longest edge's ends give way to the midpoint.
+        edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+        start = edges.argmax(axis=1)
+        parts = np.repeat(np.arange(len(corners)), 1 + large)
+        split = np.flatnonzero(large[parts])
+        end = np.where(np.arange(len(split)) % 2, start[parts[split]], (start[parts[split]] + 1) % 3)
+        arrays = []
+        for array in (corners,) if color is None else (corners, color):
+            rows = np.arange(len(array))
+            middle = 0.5 * (array[rows, start] + array[rows, (start + 1) % 3])
+            halves = array[parts]
+            halves[split, end] = middle[parts[split]]
+            arrays.append(halves)
+        corners, color = arrays[0], None if color is None else arrays[1]
