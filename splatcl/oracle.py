@@ -177,13 +177,8 @@ def visibility(projected: ProjectedSplats, camera: Camera, settings: RenderSetti
         gap[z == np.inf] = np.inf
         np.put_along_axis(gap, front, np.inf, axis=1)
         id_margin[pixels] = gap.min(axis=1)
-    shape = (camera.height, camera.width)
-    return DepthBuffer(
-        depth.reshape(shape),
-        particleid.reshape(shape),
-        np.minimum(margin, id_margin).reshape(shape),
-        margin.reshape(shape),
-    )
+    buffers = (depth, particleid, np.minimum(margin, id_margin), margin)
+    return DepthBuffer(*(_image(buffer, camera) for buffer in buffers))
 
 
 def attributes(
@@ -213,9 +208,9 @@ def attributes(
         exists = r_squared <= 1
         z = np.where(hit, hits.z, z_center)
         scale_z = np.where(hit, hits.scale_z, np.abs(z_center) + TINY)
-        tolerance = epsilon / (
-            _ray_length(camera, s)[:, None] if settings.along == "ray" else np.ones((1, 1))
-        )
+        tolerance = np.full((len(s), 1), epsilon)
+        if settings.along == "ray":
+            tolerance /= _ray_length(camera, s)[:, None]
         limit = depth.depth.reshape(-1, 1)[pixels] + tolerance
         accepted = exists & (z <= limit)
         weight = np.zeros(z.shape)
@@ -227,19 +222,10 @@ def attributes(
         prefilter_margin = np.where(hit, np.inf, np.abs(prefilter_margin))
         front = depth.particleid.reshape(-1, 1)[pixels]
         depth_margin = np.where(exists, _depth_margin(limit - z, scale_z, front, tolerance), np.inf)
-        margin[pixels] = np.minimum(np.minimum(np.abs(hits.margin), prefilter_margin), depth_margin).min(
-            axis=1
-        )
-    shape = (camera.height, camera.width)
-    sums = sums.reshape(*shape, 8)
-    return GBuffer(
-        sums[..., 0],
-        sums[..., 1:4],
-        sums[..., 4:7],
-        sums[..., 7],
-        count.reshape(shape),
-        margin.reshape(shape),
-    )
+        margins = np.minimum(np.minimum(np.abs(hits.margin), prefilter_margin), depth_margin)
+        margin[pixels] = margins.min(axis=1)
+    columns = (sums[:, 0], sums[:, 1:4], sums[:, 4:7], sums[:, 7], count, margin)
+    return GBuffer(*(_image(column, camera) for column in columns))
 
 
 def shade(gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
@@ -251,7 +237,7 @@ def shade(gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: Render
         `color` (H, W, 4) linear RGBA; `P`, `N` (H, W, 3) eye space; `albedo` (H, W, 3);
         `depth.mean`, `depth.distance` (H, W) scene units, +inf where there is nothing.
     """
-    s = _rays(camera).reshape(camera.height, camera.width, 3)
+    s = _image(_rays(camera), camera)
     covered = gbuffer.weight_sum > 0
     weight_sum = np.where(covered, gbuffer.weight_sum, 1.0)
     mean = np.where(covered, gbuffer.depth_sum / weight_sum, np.inf)
@@ -271,10 +257,9 @@ def shade(gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: Render
         rgb = 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
     else:
         rgb = _phong(position, normal, albedo, to_eye, camera, settings)
+    rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
     return {
-        "color": np.where(
-            covered[..., None], np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1), 0.0
-        ),
+        "color": np.where(covered[..., None], rgba, 0.0),
         "P": position,
         "N": normal,
         "albedo": albedo,
@@ -315,6 +300,11 @@ def _chunks(camera: Camera, num_splats: int) -> Iterator[tuple[slice, Array]]:
     step = max(1, PAIRS_AT_ONCE // max(num_splats, 1))
     for start in range(0, len(s) if num_splats else 0, step):
         yield slice(start, start + step), s[start : start + step]
+
+
+def _image(column: Array, camera: Camera) -> Array:
+    """(H W, ...) -> (H, W, ...)."""
+    return column.reshape(camera.height, camera.width, *column.shape[1:])
 
 
 def _ray_length(camera: Camera, s: Array) -> Array:
