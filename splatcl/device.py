@@ -21,6 +21,15 @@ FLAG_VARIABLES = ("PYOPENCL_BUILD_OPTIONS", "POCL_EXTRA_BUILD_FLAGS")
 """Environment variables that inject compiler flags, which could change the bits of an image."""
 
 
+_opened_by: int | None = None
+"""The process that started OpenCL."""
+
+
+def forked() -> bool:
+    """Whether this process was forked after OpenCL had started, and so cannot use it (see worker.py)."""
+    return _opened_by not in (None, os.getpid())
+
+
 @dataclass(frozen=True)
 class DeviceInfo:
     """One OpenCL device. `index` counts over all platforms, in the order of preference."""
@@ -77,9 +86,11 @@ def list_devices() -> list[DeviceInfo]:
     DeviceError
         OpenCL itself does not start.
     """
+    global _opened_by
     _ensure_kernel_cache()
     import pyopencl as cl
 
+    _opened_by = os.getpid()
     try:
         handles = [device for platform in cl.get_platforms() for device in platform.get_devices()]
     except cl.Error as error:
@@ -228,7 +239,7 @@ class DeviceQueue:
         import pyopencl as cl
 
         if num_bytes:
-            cl.enqueue_fill_buffer(self.queue, buffer, np.uint32(0), 0, num_bytes)
+            cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint32), 0, num_bytes)
 
     def write(self, buffer: Any, array: NDArray[Any]) -> None:
         """Copy a contiguous `array` to the start of `buffer`."""

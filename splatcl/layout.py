@@ -7,8 +7,6 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import pyopencl as cl
-from pyopencl.tools import match_dtype_to_c_struct
 
 
 def _reals(real: str, *names: str) -> list[tuple[str, str]]:
@@ -36,14 +34,15 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
         "SplatAttributes": _reals(real, "red", "green", "blue", "normal_x", "normal_y", "normal_z")
         + _reals(real, "prefilter_x", "prefilter_y"),
         "PhongLight": _reals(real, "x", "y", "z", "is_point", "red", "green", "blue"),
-        "Shading": _reals(real, "fx", "fy", "cx", "cy", "ambient", "diffuse", "specular", "shininess")
-        + [("width", "i4"), ("height", "i4"), ("num_lights", "i4")],
+        "Shading": [*_reals(real, "ambient", "diffuse", "specular", "shininess"), ("num_lights", "i4")],
     }
 
 
 @cache
-def structs(device: cl.Device, real: str) -> tuple[Mapping[str, np.dtype[Any]], str]:
-    """Return the dtypes by name, padded as `device` pads them, and their C declarations."""
+def structs(device: Any, real: str) -> tuple[Mapping[str, np.dtype[Any]], str]:
+    """Return the dtypes by name, padded as the OpenCL `device` pads them, and their C declarations."""
+    from pyopencl.tools import match_dtype_to_c_struct
+
     dtypes, declarations = {}, []
     for name, fields in _fields(real).items():
         dtypes[name], declaration = match_dtype_to_c_struct(device, name, np.dtype(fields))

@@ -95,7 +95,12 @@ class Passes:
     """What every pass of one frame needs: the device, the camera and settings as structs, the tile grid."""
 
     def __init__(
-        self, device: DeviceQueue, camera: Camera, settings: RenderSettings, tile_size: int, precision: Precision
+        self,
+        device: DeviceQueue,
+        camera: Camera,
+        settings: RenderSettings,
+        tile_size: int,
+        precision: Precision,
     ) -> None:
         self.device, self.camera, self.settings, self.tile_size = device, camera, settings, tile_size
         self.real = np.dtype(REAL[precision])
@@ -104,15 +109,23 @@ class Passes:
         self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
         self.num_pixels = camera.width * camera.height
 
-    def program(self, name: str, lanes: int | None = None, **options: str | int) -> Any:
-        """Return kernels/`name`.cl built for this frame's precision and camera."""
+    def run(self, kernel: str, size: tuple[int, ...], *args: Any, **options: str | int) -> None:
+        """Run `kernel` of the file that its name begins with, built for this frame, over `size` work-items.
+
+        Python integers become int, Python floats the frame's real.
+        """
         common = {
-            "LANES": lanes or self.device.lanes,
+            "LANES": self.device.lanes,
             "DOUBLE": int(self.real == np.float64),
             "TILE": self.tile_size,
             "ORTHOGRAPHIC": int(self.camera.projection == "orthographic"),
         }
-        return self.device.program(f"{name}.cl", self.declarations, **common, **options)
+        file = {"resolve": "shade.cl"}.get(kernel, kernel.split("_")[0] + ".cl")
+        converted = [
+            np.int32(a) if isinstance(a, int) else self.real.type(a) if isinstance(a, float) else a for a in args
+        ]
+        program = self.device.program(file, self.declarations, **(common | options))
+        program(self.device.queue, kernel, size, *converted)
 
     def image(self, channels: int = 1, dtype: Any = None) -> Any:
         """Return a new image buffer of (H, W, channels)."""
@@ -184,35 +197,33 @@ def project(passes: Passes, view: Any, splats: ResidentSplats) -> ProjectedSplat
     num_survivors = device.scratch("num_survivors", num_chunks * 4)
     tile_counts = device.scratch("tile_counts", num_chunks * num_tiles * 4)
     device.clear(tile_counts, num_chunks * num_tiles * 4)
-    arrays = (splats.center, splats.tangent_u, splats.tangent_v, splats.color)
-    sizes = map(np.int32, (splats.num_splats, splats.stride, chunk_size))
     outputs = (records, attributes, num_survivors, tile_counts)
-    passes.program("project")(
-        device.queue, "project", (num_chunks,), view, *arrays, *sizes, *outputs, np.int32(passes.tiles_x), np.int32(num_tiles)
-    )
+    passes.run(
+        "project", (num_chunks,), view, splats.center, splats.tangent_u, splats.tangent_v, splats.color,
+        splats.num_splats, splats.stride, chunk_size, *outputs, passes.tiles_x, num_tiles,
+    )  # fmt: skip
     return ProjectedSplats(*outputs, num_chunks, chunk_size, passes.tiles_x, num_tiles)
 
 
-def bin(passes: Passes, projected: ProjectedSplats) -> Iterator[TileLists]:  # noqa: A001 - the pass's name
-    """Sort the records into one run per tile, a band of tiles at a time so that memory stays bounded (kernels/bin.cl)."""
+def bin(passes: Passes, projected: ProjectedSplats) -> Iterator[TileLists]:
+    """Sort the records into one run per tile, a band of tiles at a time to bound memory (kernels/bin.cl)."""
     device, dtypes = passes.device, passes.dtypes
-    num_chunks, num_tiles = np.int32(projected.num_chunks), np.int32(projected.num_tiles)
-    program = passes.program("bin", lanes=1)
-    totals_buffer = device.scratch("tile_totals", projected.num_tiles * 4)
-    program(device.queue, "bin_totals", (projected.num_tiles,), projected.tile_counts, totals_buffer, num_chunks, num_tiles)
-    totals = device.read(totals_buffer, (projected.num_tiles,), np.int32)
+    num_chunks, num_tiles = projected.num_chunks, projected.num_tiles
+    totals_buffer = device.scratch("tile_totals", num_tiles * 4)
+    passes.run("bin_totals", (num_tiles,), projected.tile_counts, totals_buffer, num_chunks, num_tiles, LANES=1)
+    totals = device.read(totals_buffer, (num_tiles,), np.int32)
     for first, last in bands(totals):
         begin = np.concatenate([[0], np.cumsum(totals[first:last])]).astype(np.int32)
         begin_buffer = passes.constant(begin)
         records = device.scratch("run_records", int(begin[-1]) * dtypes["ProjectedSplat"].itemsize)
         attributes = device.scratch("run_attributes", int(begin[-1]) * dtypes["SplatAttributes"].itemsize)
-        program(
-            device.queue, "bin_offsets", (last - first,), projected.tile_counts, begin_buffer, num_chunks, num_tiles, np.int32(first)
+        passes.run(
+            "bin_offsets", (last - first,), projected.tile_counts, begin_buffer, num_chunks, num_tiles, first, LANES=1
         )
-        program(
-            device.queue, "bin_scatter", (projected.num_chunks,), projected.records, projected.attributes,
-            projected.num_survivors, np.int32(projected.chunk_size), projected.tile_counts, records, attributes,
-            np.int32(projected.tiles_x), num_tiles, np.int32(first), np.int32(last),
+        passes.run(
+            "bin_scatter", (num_chunks,), projected.records, projected.attributes, projected.num_survivors,
+            projected.chunk_size, projected.tile_counts, records, attributes, projected.tiles_x, num_tiles,
+            first, last, LANES=1,
         )  # fmt: skip
         yield TileLists(records, attributes, begin, begin_buffer, first, last, projected.tiles_x)
 
@@ -229,11 +240,10 @@ def bands(totals: NDArray[np.int32], max_records: int = MAX_BAND_RECORDS) -> Ite
 
 def visibility(passes: Passes, lists: TileLists, depth: DepthBuffer) -> None:
     """Fill the band's part of `depth`: the nearest disc of each pixel (kernels/visibility.cl)."""
-    camera, real = passes.camera, passes.real.type
-    passes.program("visibility")(
-        passes.device.queue, "visibility", (lists.last_tile - lists.first_tile,), lists.records, lists.begin_buffer,
-        np.int32(lists.first_tile), np.int32(lists.tiles_x), np.int32(camera.width), np.int32(camera.height),
-        real(camera.near), real(camera.far), depth.depth, depth.particleid,
+    camera = passes.camera
+    passes.run(
+        "visibility", (lists.last_tile - lists.first_tile,), lists.records, lists.begin_buffer, lists.first_tile,
+        lists.tiles_x, camera.width, camera.height, camera.near, camera.far, depth.depth, depth.particleid,
     )  # fmt: skip
 
 
@@ -241,16 +251,16 @@ def attributes(
     passes: Passes, view: Any, lists: TileLists, depth: DepthBuffer, epsilon: float, gbuffer: GBuffer
 ) -> None:
     """Fill the band's part of `gbuffer`: sums over fragments within `epsilon` of `depth` (kernels/attributes.cl)."""
-    settings, real = passes.settings, passes.real.type
+    settings = passes.settings
     kernel = {"gaussian": 0, "constant": 1, "table": 2}[settings.kernel]
     kernel += settings.kernel == "table" and settings.kernel_lookup == "linear"
     table = np.array(settings.kernel_table or (0,), passes.real)
-    passes.program("attributes", PREFILTER=int(settings.prefilter == "min"), KERNEL=int(kernel))(
-        passes.device.queue, "attributes", (lists.last_tile - lists.first_tile,), view, lists.records, lists.attributes,
-        lists.begin_buffer, np.int32(lists.first_tile), np.int32(lists.tiles_x), real(epsilon),
-        np.int32(settings.along == "ray"), real(-(settings.cutoff**2) / 2), real(settings.prefilter_radius**-2),
-        passes.constant(table), np.int32(len(table)), depth.depth, gbuffer.weight_sum, gbuffer.color_sum,
-        gbuffer.normal_sum, gbuffer.depth_sum, gbuffer.count,
+    passes.run(
+        "attributes", (lists.last_tile - lists.first_tile,), view, lists.records, lists.attributes,
+        lists.begin_buffer, lists.first_tile, lists.tiles_x, float(epsilon), settings.along == "ray",
+        -(settings.cutoff**2) / 2, settings.prefilter_radius**-2, passes.constant(table), len(table),
+        depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum, gbuffer.count,
+        PREFILTER=int(settings.prefilter == "min"), KERNEL=int(kernel),
     )  # fmt: skip
 
 
@@ -261,12 +271,10 @@ def shade(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> An
     for name in ("ambient", "diffuse", "specular", "shininess"):
         shading[name] = getattr(settings.material, name)
     shading["num_lights"] = len(lights)
-    structs_ = np.array([_eye_light(light, passes.camera) for light in lights or (Light(),)], passes.dtypes["PhongLight"])
+    eye_lights = [_eye_light(light, passes.camera) for light in lights or (Light(),)]
+    structs = (passes.constant(shading), passes.constant(np.array(eye_lights, passes.dtypes["PhongLight"])))
     color = passes.image(4)
-    _shade_program(passes)(
-        passes.device.queue, "shade", (passes.camera.width, passes.camera.height), view, passes.constant(shading),
-        passes.constant(structs_), *_sums(depth, gbuffer), color,
-    )  # fmt: skip
+    _run_shade(passes, "shade", view, *structs, *_sums(depth, gbuffer), color)
     return color
 
 
@@ -274,13 +282,13 @@ def resolve(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> 
     """Return buffers of what the sums say of the surface: P, N, albedo, depth.mean, depth.distance."""
     surface = {"P": 3, "N": 3, "albedo": 3, "depth.mean": 1, "depth.distance": 1}
     buffers = {name: passes.image(channels) for name, channels in surface.items()}
-    size = (passes.camera.width, passes.camera.height)
-    _shade_program(passes)(passes.device.queue, "resolve", size, view, *_sums(depth, gbuffer), *buffers.values())
+    _run_shade(passes, "resolve", view, *_sums(depth, gbuffer), *buffers.values())
     return buffers
 
 
-def _shade_program(passes: Passes) -> Any:
-    return passes.program("shade", lanes=1, SHADER=f'"{passes.settings.shader}.h"')
+def _run_shade(passes: Passes, kernel: str, *args: Any) -> None:
+    size = (passes.camera.width, passes.camera.height)
+    passes.run(kernel, size, *args, LANES=1, SHADER=f'"{passes.settings.shader}.h"')
 
 
 def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from splatcl import pipeline
 from splatcl.camera import Camera
-from splatcl.device import DeviceInfo, DeviceQueue
-from splatcl.errors import SettingsError
+from splatcl.device import DeviceQueue, forked
+from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
 from splatcl.pipeline import DepthBuffer, GBuffer, Passes, ResidentSplats
 from splatcl.settings import Precision, RenderSettings
 from splatcl.splats import Splats
+from splatcl.worker import worker
 
 TILE_SIZES = (8, 16, 32, 64)
 
@@ -57,28 +58,29 @@ class Renderer:
             raise SettingsError(f"tile_size {tile_size} is not one of {TILE_SIZES}")
         if lanes not in (None, 1, 4, 8):
             raise SettingsError(f"lanes {lanes} is not 1, 4 or 8")
-        self._device = DeviceQueue(device, lanes)
-        self.tile_size = tile_size
-
-    @property
-    def device(self) -> DeviceInfo:
-        """The device in use."""
-        return self._device.info
+        self._arguments = (device, tile_size, lanes)
+        self._device = None if forked() else DeviceQueue(device, lanes)
 
     def upload(self, splats: Splats) -> Resident:
         """Return `splats` for many renders with one upload."""
         return Resident(splats, float(np.median(splats.radius)) if len(splats) else 0.0)
 
-    def render(
-        self, splats: Splats | Resident, camera: Camera, settings: RenderSettings | None = None
-    ) -> Frame:
+    def render(self, splats: Splats | Resident, camera: Camera, settings: RenderSettings | None = None) -> Frame:
         """Render one frame; see `render`."""
         resident = splats if isinstance(splats, Resident) else self.upload(splats)
         settings = pipeline.effective_settings(settings or RenderSettings(), resident.splats.oriented)
         epsilon = resident.auto_epsilon if settings.epsilon == "auto" else settings.epsilon
-        passes = Passes(self._device, camera, settings, self.tile_size, settings.precision)
+        if self._device is None or forked():
+            return worker().render(self._arguments, resident.splats, camera, settings)
+        if settings.precision == "double" and self._device.info.supports["double"] == "no":
+            raise DeviceError(f"{self._device.info.name} has no double precision; choose another device")
+        passes = Passes(self._device, camera, settings, self._arguments[1], settings.precision)
         with self._device.lock:
-            on_device = self._resident(resident, settings.precision)
+            if settings.precision not in resident._on_device:
+                resident._on_device[settings.precision] = pipeline.upload(
+                    self._device, resident.splats, settings.precision
+                )
+            on_device = resident._on_device[settings.precision]
             view = passes.view(on_device.origin)
             projected = pipeline.project(passes, view, on_device)
             depth = DepthBuffer(passes.image(), passes.image(dtype="u4"))
@@ -95,14 +97,9 @@ class Renderer:
             "num_splats": len(resident.splats),
             "num_dropped": resident.splats.num_dropped,
             "notes": list(resident.splats.notes),
-            "device": f"{self.device.version}, {self.device.name}",
+            "device": f"{self._device.info.version}, {self._device.info.name}",
         }
         return Frame(aovs, camera, settings, metadata)
-
-    def _resident(self, resident: Resident, precision: Precision) -> ResidentSplats:
-        if precision not in resident._on_device:
-            resident._on_device[precision] = pipeline.upload(self._device, resident.splats, precision)
-        return resident._on_device[precision]
 
 
 class DeviceAovs(Mapping[str, NDArray[Any]]):
@@ -126,8 +123,10 @@ class DeviceAovs(Mapping[str, NDArray[Any]]):
         self._arrays: dict[str, NDArray[Any]] = {}
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        with self._passes.device.lock:
-            if name not in self._arrays:
+        if name not in self._arrays and forked():
+            raise DeviceError(f"read the frame's {name} before forking: a forked process cannot reach its device")
+        if name not in self._arrays:
+            with self._passes.device.lock:
                 self._arrays[name] = self._read(name)
         return self._arrays[name]
 

@@ -74,7 +74,7 @@ class RenderSettings:
     facing: Facing = "keep"
     shader: Shader = "phong"
     lights: tuple[Light, ...] = (Light(),)
-    material: Material = Material()
+    material: Material = Material()  # noqa: RUF009 - frozen
     precision: Precision = "single"
 
     def __post_init__(self) -> None:

@@ -62,7 +62,7 @@ class Splats:
     def __post_init__(self, on_invalid: OnInvalid) -> None:
         arrays = {name: _triples(name, getattr(self, name)) for name in ("center", "tangent_u", "tangent_v")}
         num = len(arrays["center"])
-        color = np.tile(np.float32(DEFAULT_COLOR), (num, 1)) if self.color is None else self.color
+        color = np.full((num, 3), DEFAULT_COLOR, np.float32) if self.color is None else self.color
         arrays["color"] = _triples("color", color)
         for name, array in arrays.items():
             if len(array) != num:
