@@ -112,10 +112,11 @@ class Passes:
     def run(self, kernel: str, size: tuple[int, ...], *args: Any, **options: str | int) -> None:
         """Run `kernel` of the file that its name begins with, built for this frame, over `size` work-items.
 
-        Python integers become int, Python floats the frame's real.
+        Python integers become int, Python floats the frame's real. Vectors are at most 32 bytes: PoCL 3.0 aborts
+        the process on the square root of a double8.
         """
         common = {
-            "LANES": self.device.lanes,
+            "LANES": min(self.device.lanes, 32 // self.real.itemsize),
             "DOUBLE": int(self.real == np.float64),
             "TILE": self.tile_size,
             "ORTHOGRAPHIC": int(self.camera.projection == "orthographic"),
