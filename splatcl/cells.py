@@ -13,6 +13,8 @@ MAX_ASPECT = 4.0
 """Largest ratio of an estimated disc's principal radii."""
 NUM_ITERATIONS = 6
 """Steps toward the least ellipse; any number covers the cell, more are slightly tighter."""
+MIN_DISTANCE = 1e-6
+"""Neighbours nearer than this share of `reach` are at the point's own place."""
 SURROUNDED = -2.0
 """Cotangent of the widest angle between two neighbours that the surface is sure to fill: 153 degrees."""
 MIN_FLATNESS = 0.7
@@ -55,7 +57,7 @@ def covering_ellipse(
     duals, nearest = _duals(offsets, frame, reach)
     corners = _cell_corners(duals)
     # No corner within reach (a lone point, or points along a line): half the way to the nearest neighbour.
-    lonely = ~corners.any(axis=(1, 2))
+    lonely: NDArray[np.bool_] = ~corners.any(axis=(1, 2))  # type: ignore[assignment]
     axes = _least_ellipse(np.where(lonely[:, None, None], 1.0, corners))
     axes *= reach[:, None, None]
     radius = np.minimum(0.5 * nearest, reach)
@@ -76,17 +78,18 @@ def _duals(
     distance = np.sqrt(np.einsum("nki,nki->nk", offsets, offsets))
     flat = np.stack([np.einsum("nki,ni->nk", offsets, axis) for axis in frame], axis=2)
     length = np.sqrt(np.einsum("nki,nki->nk", flat, flat))
-    in_plane = length > MIN_FLATNESS * distance
-    scale = np.where(in_plane, 2 * reach[:, None] / (np.where(in_plane, length, 1.0) * distance), 0.0)
+    in_plane = (length > MIN_FLATNESS * distance) & (distance > MIN_DISTANCE * reach[:, None])
+    scale = np.where(in_plane, 2 * reach[:, None] / np.where(in_plane, length * distance, 1.0), 0.0)
     return (flat * scale[..., None]).astype(np.float32), distance[:, 0]
 
 
 def _cell_corners(duals: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return (N, 2 D, 2) points whose convex hull covers each cell within the unit disc.
 
-    The cell is the polar dual of the hull of `duals`. Two hull vertices a, b that follow each other meet in the
-    corner x with a.x = b.x = 1; where the directions skip a hull vertex, x is only farther out.
-    An open or distant corner gives the feet a / |a|^2 of its two edges instead. Unused rows are zero.
+    The cell is the polar dual of the hull of `duals`. Two hull vertices a, b that follow each other meet
+    in the corner x with a.x = b.x = 1; where the directions skip a hull vertex, x is only farther out.
+    A corner beyond reach is drawn in to it where the neighbours surround the point; at the surface's
+    boundary the feet a / |a|^2 of its two edges stand in for it. Unused rows are zero.
     """
     angle = np.arange(NUM_DIRECTIONS, dtype=np.float32) * np.float32(2 * np.pi / NUM_DIRECTIONS)
     along = np.stack([np.cos(angle), np.sin(angle)])

@@ -17,7 +17,8 @@ juts out."""
 MAX_SPLATS = 2_000_000
 """Subdivision stops before it makes more splats than this."""
 MIN_ASPECT = 1e-6
-"""A triangle is degenerate where its ellipse's half axes are in a smaller ratio than this."""
+"""A triangle has no area where its ellipse's half axes are in a smaller ratio than this."""
+REASONS = ("", "a non-finite or huge number", "no area")
 
 
 def splats_from_mesh(
@@ -26,6 +27,7 @@ def splats_from_mesh(
     color: ArrayLike | None = None,
     normals: ArrayLike | None = None,
     *,
+    per_face: bool | None = None,
     max_size: float = MAX_SIZE,
     on_invalid: OnInvalid = "error",
     notes: Iterable[str] = (),
@@ -39,9 +41,11 @@ def splats_from_mesh(
     faces : (F, 3) int array
         Vertex indices, counter-clockwise seen from outside.
     color : (V, 3) or (F, 3) float array, optional
-        Linear RGB of vertices (a splat gets the mean of its corners) or faces; of vertices where V = F.
+        Linear RGB of vertices (a splat gets the mean of its corners) or of faces.
     normals : (V, 3) float array, optional
         Of vertices; they turn a triangle whose winding points the other way.
+    per_face : bool, optional
+        Whether `color` is of faces; by its length where omitted (of vertices where V = F).
     max_size : float
         Triangles whose ellipse is longer than this share of the bounding box's diagonal are halved.
     on_invalid : {"error", "drop"}
@@ -60,24 +64,21 @@ def splats_from_mesh(
         Wrong shapes, a face index out of range, no triangle with an area, or invalid triangles under
         ``on_invalid="error"``.
     """
-    corners, corner_color, face_normals = _corners(vertices, faces, color, normals)
+    corners, corner_color, face_normals = _corners(vertices, faces, color, normals, per_face)
     all_notes = list(notes)
-    valid = _valid_triangles(corners, corner_color)
-    num_dropped = int(np.count_nonzero(~valid))
+    reason = _reasons(corners, corner_color)
+    num_dropped = int(np.count_nonzero(reason == 1))
     if num_dropped:
-        first = int(np.flatnonzero(~valid)[0])
-        text = f"{num_dropped} of {len(valid)} triangles with a non-finite or huge number (the first is face {first})"
+        first = int(np.flatnonzero(reason == 1)[0])
+        text = f"{num_dropped} of {len(reason)} triangles with {REASONS[1]} (the first is face {first})"
         if on_invalid == "error":
             raise InvalidSplatsError(f"{text}; drop them with on_invalid='drop'")
         all_notes.append(f"dropped {text}")
-    solid = valid & ~_degenerate(corners, valid)
-    num_degenerate = np.count_nonzero(valid & ~solid)
-    if num_degenerate:
-        all_notes.append(f"skipped {num_degenerate} of {len(valid)} triangles: no area")
+    if (reason == 2).any():
+        all_notes.append(f"skipped {np.count_nonzero(reason == 2)} of {len(reason)} triangles with {REASONS[2]}")
+    solid = reason == 0
     if not solid.any():
-        raise InvalidSplatsError(
-            f"none of {len(solid)} triangles has finite corners and an area of 1e-15 or more"
-        )
+        raise InvalidSplatsError(f"none of {len(solid)} triangles has finite corners and an area above 1e-15")
     corners, corner_color = corners[solid], None if corner_color is None else corner_color[solid]
     if face_normals is not None:
         flipped = _flip_to(corners, corner_color, face_normals[solid])
@@ -126,43 +127,54 @@ def face_out_of_range(faces: NDArray[Any], num_vertices: int) -> str | None:
     return f"face {face} refers to vertices {numbers}, but there are {num_vertices} (0 to {num_vertices - 1})"
 
 
-def _corners(vertices: Any, faces: Any, color: Any, normals: Any) -> tuple[Any, Any, Any]:
-    """Return (F, 3, 3) float64 corners, (F, 3, 3) corner colours and (F, 3) summed vertex normals, or None."""
-    arrays = {"vertices": vertices, "color": color, "normals": normals}
-    for name, value in arrays.items():
-        try:
-            arrays[name] = None if value is None else np.asarray(value, np.float64)
-        except (TypeError, ValueError) as error:
-            raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None
-    points, faces = arrays["vertices"], np.asarray(faces)
-    if points is None or points.ndim != 2 or points.shape[1] != 3:
-        raise InvalidSplatsError(f"vertices have shape {np.shape(vertices)}; it must be (V, 3)")
+def invalid_triangles(
+    vertices: ArrayLike, faces: ArrayLike, color: ArrayLike | None = None, per_face: bool | None = None
+) -> NDArray[np.uint8]:
+    """Return (F,) uint8: 0 for a usable triangle, else the index in `REASONS` of what is wrong with it."""
+    return _reasons(*_corners(vertices, faces, color, None, per_face)[:2])
+
+
+def _corners(vertices: Any, faces: Any, color: Any, normals: Any, per_face: bool | None) -> tuple[Any, Any, Any]:
+    """Return (F, 3, 3) float64 corners, their (F, 3, 3) colours and (F, 3) summed normals, or None."""
+    points, faces = _floats("vertices", vertices), np.asarray(faces)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise InvalidSplatsError(f"vertices have shape {points.shape}; it must be (V, 3)")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":
-        raise InvalidSplatsError(
-            f"faces are {faces.dtype} of shape {faces.shape}; they must be integers, (F, 3)"
-        )
+        raise InvalidSplatsError(f"faces are {faces.dtype} of shape {faces.shape}; they must be integers, (F, 3)")
     problem = face_out_of_range(faces, len(points))
     if problem:
         raise InvalidSplatsError(problem)
-    shapes = {"color": [points.shape, faces.shape], "normals": [points.shape]}
-    for name, allowed in shapes.items():
-        if arrays[name] is not None and arrays[name].shape not in allowed:
-            raise InvalidSplatsError(f"{name} has shape {arrays[name].shape}; it must be {allowed[0]}")
-    shade, turn = arrays["color"], arrays["normals"]
-    if shade is not None:
-        shade = shade[faces] if shade.shape == points.shape else np.repeat(shade[:, None], 3, axis=1)
-    return points[faces], shade, None if turn is None else turn[faces].sum(axis=1)
+    corner_color = corner_normals = None
+    if color is not None:
+        shade = _floats("color", color)
+        of_faces = len(shade) != len(points) if per_face is None else per_face
+        if shade.shape != (faces.shape if of_faces else points.shape):
+            raise InvalidSplatsError(
+                f"color has shape {shade.shape}; it must be {points.shape}, or {faces.shape} for faces"
+            )
+        corner_color = np.repeat(shade[:, None], 3, axis=1) if of_faces else shade[faces]
+    if normals is not None:
+        turned = _floats("normals", normals)
+        if turned.shape != points.shape:
+            raise InvalidSplatsError(f"normals have shape {turned.shape}; it must be {points.shape}")
+        corner_normals = turned[faces].sum(axis=1)
+    return points[faces], corner_color, corner_normals
 
 
-def _valid_triangles(corners: NDArray[Any], color: NDArray[Any] | None) -> NDArray[np.bool_]:
+def _floats(name: str, value: Any) -> NDArray[np.float64]:
+    try:
+        return np.asarray(value, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None
+
+
+def _reasons(corners: NDArray[Any], color: NDArray[Any] | None) -> NDArray[np.uint8]:
     parts = [corners] if color is None else [corners, color]
-    return np.logical_and.reduce([(np.abs(part) <= MAX_MAGNITUDE).all(axis=(1, 2)) for part in parts])
-
-
-def _degenerate(corners: NDArray[Any], valid: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    valid = np.logical_and.reduce([(np.abs(part) <= MAX_MAGNITUDE).all(axis=(1, 2)) for part in parts])
     _, u, v = steiner_ellipses(np.where(valid[:, None, None], corners, 0.0))
     long, short = np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1)
-    return (long * short < 2 * MIN_AREA) | (short < MIN_ASPECT * long)
+    flat = (long * short < 2 * MIN_AREA) | (short < MIN_ASPECT * long)
+    return np.select([~valid, flat], [1, 2], 0).astype(np.uint8)
 
 
 def _flip_to(corners: NDArray[Any], color: NDArray[Any] | None, normals: NDArray[Any]) -> int:

@@ -1,27 +1,26 @@
-"""read and inspect: choose the reader by a file's first bytes and extension, make splats of what it reads."""
+"""read: choose the reader by a file's first bytes and extension, make splats of what it reads."""
 
 from __future__ import annotations
 
 import importlib
 import os
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-from splatcl.errors import FileError, InvalidSplatsError
+from splatcl.errors import FileError, InvalidSplatsError, SettingsError
 from splatcl.io.model import Model
-from splatcl.splats import OnInvalid, Splats, describe_invalid, invalid_splats
+from splatcl.splats import OnInvalid, Splats
 
 READERS = {
     ".ply": "ply.read_ply", ".npz": "native.read_npz", ".raw": "raw.read_raw",
-    ".xyz": "text.read_text", ".xyzn": "text.read_text", ".xyzrgb": "text.read_text", ".pwn": "text.read_text",
-    ".pts": "text.read_text", ".txt": "text.read_text", ".asc": "text.read_text", ".csv": "text.read_text",
+    ".xyz": "text.read_text", ".xyzn": "text.read_text", ".xyzrgb": "text.read_text",
+    ".pwn": "text.read_text", ".pts": "text.read_text", ".txt": "text.read_text",
+    ".asc": "text.read_text", ".csv": "text.read_text",
     ".ptx": "text.read_ptx", ".pcd": "pcd.read_pcd", ".las": "las.read_las", ".laz": "las.read_las",
-    ".obj": "mesh.read_obj", ".off": "off.read_off", ".coff": "off.read_off", ".stl": "mesh.read_stl",
+    ".obj": "obj.read_obj", ".off": "off.read_off", ".coff": "off.read_off", ".stl": "mesh.read_stl",
     ".glb": "mesh.read_glb",
 }  # fmt: skip
 MAGIC = {b"ply\n": ".ply", b"ply\r": ".ply", b"LASF": ".las", b"glTF": ".glb", b"PK\x03\x04": ".npz"}
@@ -49,8 +48,12 @@ def read(path: str | os.PathLike[str], on_invalid: OnInvalid = "error") -> Splat
         The file cannot be read; the message starts with its path and names the place and the remedy.
     InvalidSplatsError
         Unusable points, triangles or splats.
+    SettingsError
+        No such `on_invalid`.
     """
-    model = _load(path)
+    if on_invalid not in get_args(OnInvalid):
+        raise SettingsError(f"on_invalid {on_invalid!r} is neither 'error' nor 'drop'")
+    model = load_model(path)
     try:
         return _splats(model, on_invalid)
     except InvalidSplatsError as error:
@@ -64,7 +67,7 @@ def up_axis(path: str | os.PathLike[str]) -> Literal["y", "z"]:
 
 def _splats(model: Model, on_invalid: OnInvalid) -> Splats:
     if model.tangents is not None:
-        splats = Splats(
+        return Splats(
             model.points,
             *model.tangents,
             model.color,  # type: ignore[arg-type]
@@ -73,28 +76,29 @@ def _splats(model: Model, on_invalid: OnInvalid) -> Splats:
             notes=model.notes,
             on_invalid=on_invalid,
         )
-        return splats
     if model.faces is not None and len(model.faces):
         from splatcl.meshes import splats_from_mesh
 
         unused = len(model.points) - len(np.unique(model.faces))
         notes = [*model.notes, *([f"left out {unused} vertices of no face"] if unused else [])]
-        color = model.color if model.face_color is None else model.face_color
+        per_face = model.face_color is not None
         return splats_from_mesh(
-            model.points, model.faces, color, model.normals, on_invalid=on_invalid, notes=notes
+            model.points,
+            model.faces,
+            model.face_color if per_face else model.color,
+            model.normals,
+            per_face=per_face,
+            on_invalid=on_invalid,
+            notes=notes,
         )
     from splatcl.estimate import splats_from_points
 
-    normals, notes = model.normals, list(model.notes)
-    if normals is not None and not normals.any():
-        normals = None
-        notes.append("ignored normals: all are zero")
     return splats_from_points(
-        model.points, normals, model.color, model.radius, on_invalid=on_invalid, notes=notes
+        model.points, model.normals, model.color, model.radius, on_invalid=on_invalid, notes=model.notes
     )
 
 
-def _load(path: str | os.PathLike[str]) -> Model:
+def load_model(path: str | os.PathLike[str]) -> Model:
     """Read a file into a `Model` by the reader that its first bytes or its extension call for."""
     path = Path(path)
     try:
@@ -109,9 +113,7 @@ def _load(path: str | os.PathLike[str]) -> Model:
             suffix = MAGIC.get(head[:4], suffix)
         if suffix not in READERS:
             known = " ".join(sorted(name.lstrip(".") for name in READERS))
-            raise FileError(
-                f"{path}: unknown file type {suffix or 'without an extension'}; known are {known}"
-            )
+            raise FileError(f"{path}: unknown file type {suffix or 'without an extension'}; known are {known}")
         module, function = READERS[suffix].split(".")
         reader: Callable[[Path], Model] = getattr(importlib.import_module(f"splatcl.io.{module}"), function)
         return reader(path)
@@ -119,15 +121,3 @@ def _load(path: str | os.PathLike[str]) -> Model:
         raise FileError(f"{path}: {error.strerror or error}") from None
     except MemoryError:
         raise FileError(f"{path}: there is not enough memory to read it") from None
-
-
-@dataclass(frozen=True)
-class Summary:
-    """What `inspect` found: sizes are of the file, before anything is estimated or left out."""
-
-    path: Path
-
-
-def inspect(path: str | os.PathLike[str]) -> Summary:
-    """Say what a file holds."""
-    return Summary(_load(path).path)

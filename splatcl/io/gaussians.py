@@ -34,8 +34,7 @@ def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], notes:
     rows = np.arange(len(sigma))
     with np.errstate(invalid="ignore", over="ignore"):
         tangents = [
-            (NUM_SIGMA * sigma[rows, order[:, i], None] * axes[rows, order[:, i]]).astype(np.float32)
-            for i in (0, 1)
+            (NUM_SIGMA * sigma[rows, order[:, i], None] * axes[rows, order[:, i]]).astype(np.float32) for i in (0, 1)
         ]
     color = None
     if all(f"f_dc_{i}" in columns for i in range(3)):

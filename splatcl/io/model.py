@@ -61,6 +61,9 @@ class Model:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.normals is not None and len(self.normals) and not self.normals.any():
+            object.__setattr__(self, "normals", None)
+            object.__setattr__(self, "notes", (*self.notes, "ignored normals: all are zero"))
         if not len(self.points) and self.tangents is None:
             raise FileError(f"{self.path}: holds no points")
         if self.faces is not None:
@@ -91,9 +94,7 @@ def foreign_errors(path: Path, what: str, notes: list[str]) -> Iterator[None]:
         except SplatclError:
             raise
         except MemoryError:
-            raise FileError(
-                f"{path}: {what} asks for more memory than there is; its counts are damaged"
-            ) from None
+            raise FileError(f"{path}: {what} asks for more memory than there is; its counts are damaged") from None
         except Exception as error:
             text = " ".join(str(error).split())[:300] or type(error).__name__
             raise FileError(f"{path}: not a readable {what} ({text})") from None

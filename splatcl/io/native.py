@@ -45,9 +45,7 @@ def write(splats: Splats, path: str | os.PathLike[str]) -> None:
     writers = {".ply": _write_ply, ".npz": _write_npz}
     writer = writers.get(path.suffix.lower())
     if writer is None:
-        raise FileError(
-            f"{path}: splats are written as .ply or .npz, not {path.suffix or 'without an extension'}"
-        )
+        raise FileError(f"{path}: splats are written as .ply or .npz, not {path.suffix or 'without an extension'}")
     try:
         with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as stream:
             temporary = Path(stream.name)
@@ -89,13 +87,9 @@ def read_npz(path: Path) -> Model:
         text = str(archive["splatcl"]) if "splatcl" in archive else "{}"
     for name, array in arrays.items():
         if array.dtype.kind not in "fiu" or array.ndim != 2 or array.shape[1] != 3:
-            raise FileError(
-                f"{path}: array {name} is {array.dtype} of shape {array.shape}; it must be floats, (N, 3)"
-            )
+            raise FileError(f"{path}: array {name} is {array.dtype} of shape {array.shape}; it must be floats, (N, 3)")
         if len(array) != len(arrays["center"]):
-            raise FileError(
-                f"{path}: array {name} has {len(array)} rows but center has {len(arrays['center'])}"
-            )
+            raise FileError(f"{path}: array {name} has {len(array)} rows but center has {len(arrays['center'])}")
     return _model(path, "NPZ (splatcl)", arrays, text)
 
 

@@ -38,18 +38,16 @@ def read_ply(path: Path) -> Model:
     notes: list[str] = []
     ply = _parse(path, notes)
     elements = {element.name.lower(): element for element in ply}
-    names = [
-        name for name in elements if {"x", "y", "z"} <= {p.name.lower() for p in elements[name].properties}
-    ]
+    names = [name for name in elements if {"x", "y", "z"} <= {p.name.lower() for p in elements[name].properties}]
     if not names:
         have = ", ".join(f"{e.name} ({' '.join(p.name for p in e.properties)})" for e in ply) or "none"
         raise FileError(f"{path}: no element has properties x y z; its elements are: {have[:300]}")
     vertex = "vertex" if "vertex" in names else names[0]
     columns = _columns(elements[vertex], scalar=True)
     kind = f"PLY ({FORMATS[ply.byte_order] if not ply.text else 'ascii'})"
-    if native.COLUMNS <= columns.keys():
+    if columns.keys() >= native.COLUMNS:
         return native.from_columns(path, kind, columns, ply.comments)
-    if gaussians.COLUMNS <= columns.keys():
+    if columns.keys() >= gaussians.COLUMNS:
         return gaussians.from_columns(path, kind, columns, notes)
     faces, face_color = _faces(path, elements, notes)
     used = {*XYZ, "radius"}
@@ -165,9 +163,7 @@ def _faces(path: Path, elements: dict[str, Any], notes: list[str]) -> tuple[Any,
     lists = _columns(elements["face"], scalar=False)
     index = next((lists[name] for name in INDEX_LISTS if name in lists), None)
     if index is None:
-        raise FileError(
-            f"{path}: element face has no list vertex_indices; its lists are: {', '.join(lists) or 'none'}"
-        )
+        raise FileError(f"{path}: element face has no list vertex_indices; its lists are: {', '.join(lists) or 'none'}")
     faces, source = triangulate(index, notes)
     color = _first(_columns(elements["face"], scalar=True), COLORS, set())
     return faces, None if color is None else color[source]

@@ -22,9 +22,7 @@ def read_raw(path: Path) -> Model:
     vertices, end = _block(path, data, 0, "<f4", "vertices")
     faces, end = _block(path, data, end, "<u4", "faces")
     if end != len(data):
-        raise FileError(
-            f"{path}: {len(data) - end} bytes follow its faces at byte {end}; this is no glviz .raw mesh"
-        )
+        raise FileError(f"{path}: {len(data) - end} bytes follow its faces at byte {end}; this is no glviz .raw mesh")
     return Model(path, "RAW (glviz mesh)", vertices.astype(np.float32), faces=faces.astype(np.int64))
 
 

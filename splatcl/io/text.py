@@ -33,7 +33,7 @@ def read_text(path: Path) -> Model:
     FileError
         Not text, not numbers, lines of different lengths, or a count that is wrong; the message names the line.
     """
-    lines = _lines(path)
+    lines = read_lines(path)
     start = next((i for i, line in enumerate(lines) if _bare(line)), len(lines))
     names = _column_names(lines[:start])
     announced = None
@@ -43,9 +43,7 @@ def read_text(path: Path) -> Model:
         announced = int(head[0]) if len(head) == 1 and head[0].isdigit() else None
         start += bool(names) or announced is not None
     table = _table(path, lines, start)
-    split = (
-        path.suffix.lower() == ".pwn" and announced and len(table) == 2 * announced and table.shape[1] == 3
-    )
+    split = path.suffix.lower() == ".pwn" and announced and len(table) == 2 * announced and table.shape[1] == 3
     if split:  # all points, then all normals
         table = np.hstack([table[:announced], table[announced:]])
     if announced is not None and len(table) != announced:
@@ -54,9 +52,7 @@ def read_text(path: Path) -> Model:
             "correct the count or complete the file"
         )
     if names and len(names) != table.shape[1]:
-        raise FileError(
-            f"{path}: {len(names)} columns are named but line {start + 1} has {table.shape[1]} numbers"
-        )
+        raise FileError(f"{path}: {len(names)} columns are named but line {start + 1} has {table.shape[1]} numbers")
     return _model(path, table, names or _guess_columns(path, table), [])
 
 
@@ -70,7 +66,7 @@ def read_ptx(path: Path) -> Model:
     FileError
         Counts, matrix or points are missing or not numbers; the message names the line.
     """
-    lines = _lines(path)
+    lines = read_lines(path)
     while lines and not lines[-1].strip():
         lines.pop()
     scans, start = [], 0
@@ -107,7 +103,14 @@ def _place(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[
         return points @ matrix[:3, :3] + matrix[3, :3]
 
 
-def _lines(path: Path) -> list[str]:
+def read_lines(path: Path) -> list[str]:
+    """Return a text file's lines, whatever ends them.
+
+    Raises
+    ------
+    FileError
+        The file has a zero byte, so it is not text.
+    """
     data = path.read_bytes()
     if b"\0" in data:
         raise FileError(f"{path}: byte {data.index(0)} is zero: this is not a text file")
@@ -116,6 +119,24 @@ def _lines(path: Path) -> list[str]:
     except UnicodeDecodeError:
         text = data.decode("latin-1")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+
+
+def number_lines(lines: list[str], continued: bool = False) -> list[tuple[int, str]]:
+    """Return (line number from 1, text without comment) for the lines that hold something.
+
+    With `continued`, a backslash at a line's end joins the next line to it.
+    """
+    numbered, begun, start = [], "", 0
+    for number, line in enumerate(lines, 1):
+        start = start if begun else number
+        if continued and line.rstrip().endswith("\\"):
+            begun += line.rstrip()[:-1] + " "
+            continue
+        text = (begun + line).partition("#")[0].strip()
+        begun = ""
+        if text:
+            numbered.append((start, text))
+    return numbered
 
 
 def _bare(line: str) -> str:
@@ -142,9 +163,7 @@ def _table(path: Path, lines: list[str], start: int) -> NDArray[np.float64]:
     if not len(table):
         raise FileError(f"{path}: holds no points")
     if table.shape[1] < 3:
-        raise FileError(
-            _bad_line(path, lines, start) or f"{path}: fewer than 3 numbers per line; x y z are needed"
-        )
+        raise FileError(_bad_line(path, lines, start) or f"{path}: fewer than 3 numbers per line; x y z are needed")
     return table
 
 
@@ -170,22 +189,15 @@ def _guess_columns(path: Path, table: NDArray[np.float64]) -> list[str]:
     """Name the columns after their number, the extension and whether three of them are whole numbers to 255."""
     num = table.shape[1]
 
-    def bytes_at(column: int) -> bool:
-        part = table[:, column : column + 3]
-        with np.errstate(invalid="ignore"):
-            whole = ((part >= 0) & (part <= 255) & (part == np.floor(part))).all()
-        return bool(whole and (part > 1).any())
-
-    three = list(RGB if path.suffix.lower() == ".xyzrgb" or (num >= 6 and bytes_at(3)) else NORMAL)
+    three = list(RGB if path.suffix.lower() == ".xyzrgb" or (num >= 6 and _are_bytes(table[:, 3:6])) else NORMAL)
+    late_color = num >= 7 and (_are_bytes(table[:, 4:7]) or path.suffix.lower() in (".pts", ".ptx"))
     layouts = {
         3: [],
         4: ["intensity"],
         6: three,
-        7: ["intensity", *RGB]
-        if bytes_at(4) or path.suffix.lower() in (".pts", ".ptx")
-        else [*three, "intensity"],
+        7: ["intensity", *RGB] if late_color else [*three, "intensity"],
         9: [*three, *(NORMAL if three == list(RGB) else RGB)],
-        10: ["intensity", *RGB, *NORMAL] if bytes_at(4) else [*NORMAL, "intensity", *RGB],
+        10: ["intensity", *RGB, *NORMAL] if late_color else [*NORMAL, "intensity", *RGB],
     }
     if num not in layouts:
         raise FileError(
@@ -216,9 +228,7 @@ def _model(path: Path, table: NDArray[np.float64], names: list[str], notes: list
     if unused:
         notes.append(f"ignored column{'s' * (len(unused) > 1)} {', '.join(unused)}")
     kind = path.suffix.lstrip(".").upper() or "text"
-    return Model(
-        path, f"{kind} (text)", group(XYZ), group(NORMAL), color, columns.get("radius"), notes=tuple(notes)
-    )
+    return Model(path, f"{kind} (text)", group(XYZ), group(NORMAL), color, columns.get("radius"), notes=tuple(notes))
 
 
 def _are_bytes(color: NDArray[np.float64]) -> bool:
