@@ -153,11 +153,11 @@ class Camera:
         CameraError
             `eye` equals `target`, `up` is along the view, or `fov_y` is not between 0 and 180.
         """
-        eye, target, up = (np.asarray(v, np.float64) for v in (eye, target, up))
-        forward = target - eye
+        position, upward = _vector("eye", eye), _vector("up", up)
+        forward = _vector("target", target) - position
         distance = np.linalg.norm(forward)
-        right = np.cross(forward, up)
-        if not distance > 0 or not np.linalg.norm(right) > 1e-9 * distance * np.linalg.norm(up):
+        right = np.cross(forward, upward)
+        if not distance > 0 or not np.linalg.norm(right) > 1e-9 * distance * np.linalg.norm(upward):
             raise CameraError(f"look_at: eye {eye}, target {target} and up {up} do not span a view")
         if not 0 < fov_y < 180:
             raise CameraError(f"fov_y {fov_y} must be between 0 and 180 degrees")
@@ -165,7 +165,7 @@ class Camera:
         x = right / np.linalg.norm(right)
         matrix = np.eye(4)
         matrix[:3, :3] = x, np.cross(z, x), z
-        matrix[:3, 3] = -matrix[:3, :3] @ eye
+        matrix[:3, 3] = -matrix[:3, :3] @ position
         focal = height / 2 / np.tan(np.radians(fov_y) / 2)
         if kwargs.get("projection") == "orthographic":
             focal /= distance
@@ -174,7 +174,7 @@ class Camera:
     @classmethod
     def framing(
         cls,
-        bounds: ArrayLike,
+        sphere: tuple[ArrayLike, float],
         azimuth: float = 0.0,
         elevation: float = 0.0,
         up: ArrayLike = (0.0, 1.0, 0.0),
@@ -183,34 +183,42 @@ class Camera:
         height: int = 512,
         **kwargs: Any,
     ) -> Camera:
-        """Return a camera that sees the whole bounding sphere of a box.
+        """Return a camera that sees a whole sphere.
 
         Parameters
         ----------
-        bounds : (2, 3) float
-            Least and greatest corner of the box, world space (`Splats.bounds`).
+        sphere : (3,) float and float
+            Centre, world space, and radius, scene units (`Splats.bounding_sphere`).
         azimuth, elevation : float
             Degrees. Azimuth 0 looks from +z for ``up`` = y and from -y for ``up`` = z, and turns
             counter-clockwise seen from above; elevation lifts the eye toward `up`.
         up, fov_y, width, height, **kwargs
             As for `look_at`.
         """
-        low, high = np.asarray(bounds, np.float64)
-        up = np.asarray(up, np.float64)
+        center, radius = _vector("center", sphere[0]), float(sphere[1]) or 1.0
+        upward = _vector("up", up)
         if not -90 < elevation < 90:
             raise CameraError(f"elevation {elevation} must be between -90 and 90 degrees")
-        if up.shape != (3,) or not np.linalg.norm(up) > 0:
+        if not np.linalg.norm(upward) > 0:
             raise CameraError(f"up {up} is not a direction")
-        up = up / np.linalg.norm(up)
-        front = np.array([0.0, -1.0, 0.0]) if abs(up[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
-        front -= up * (front @ up)
+        upward = upward / np.linalg.norm(upward)
+        front = np.array([0.0, -1.0, 0.0]) if abs(upward[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
+        front -= upward * (front @ upward)
         front /= np.linalg.norm(front)
-        side = np.cross(up, front)
+        side = np.cross(upward, front)
         a, e = np.radians(azimuth), np.radians(elevation)
-        outward = np.cos(e) * (np.cos(a) * front + np.sin(a) * side) + np.sin(e) * up
-        radius = np.linalg.norm(high - low) / 2 or 1.0
+        outward = np.cos(e) * (np.cos(a) * front + np.sin(a) * side) + np.sin(e) * upward
         half = np.arctan(np.tan(np.radians(fov_y) / 2) * min(1.0, width / height))
         distance = radius / np.sin(half)
         kwargs.setdefault("near", max(distance - 1.1 * radius, 1e-3 * radius))
-        center = (low + high) / 2
-        return cls.look_at(center + distance * outward, center, up, fov_y, width, height, **kwargs)
+        return cls.look_at(center + distance * outward, center, upward, fov_y, width, height, **kwargs)
+
+
+def _vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
+    try:
+        vector = np.asarray(value, np.float64)
+    except (TypeError, ValueError):
+        vector = np.empty(0)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise CameraError(f"{name} {value} is not three finite numbers")
+    return vector

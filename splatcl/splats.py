@@ -103,6 +103,13 @@ class Splats:
         center = self.center.astype(np.float64)
         return np.stack([(center - half).min(axis=0), (center + half).max(axis=0)])
 
+    @property
+    def bounding_sphere(self) -> tuple[NDArray[np.float64], float]:
+        """(3,) float64 centre of the bounds, world space, and the radius around it that holds every disc."""
+        middle = self.bounds.mean(axis=0)
+        distance = np.linalg.norm(self.center - middle, axis=1) + self.radius
+        return middle, float(distance.max(initial=0.0))
+
     def take(self, ids: ArrayLike) -> Splats:
         """Return the splats at `ids` (indices, a mask or a slice), in that order."""
         key: Any = ids if isinstance(ids, slice) else np.asarray(ids)

@@ -51,8 +51,8 @@ def stub(monkeypatch, tmp_path):
     StubRenderer.calls = []
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(splatcl, "Renderer", StubRenderer)
-    monkeypatch.setattr(splatcl.io, "read", lambda path, on_invalid="error": SPLATS, raising=False)
-    monkeypatch.setattr(splatcl.io, "up_axis", lambda path: "z", raising=False)
+    monkeypatch.setattr(splatcl.io, "read", lambda path, on_invalid="error": SPLATS)
+    monkeypatch.setattr(splatcl.io, "up_axis", lambda path: "z")
     return StubRenderer
 
 
@@ -73,9 +73,7 @@ def run_process(command, **kwargs):
 
 
 def test_render_writes_both_outputs_and_says_what_it_did(stub, capsys, tmp_path):
-    status, out, err = run(
-        capsys, "render scan.ply -o out.exr --png out.png --size 80x60 --azimuth 30 --elevation -20"
-    )
+    status, out, err = run(capsys, "render scan.ply -o out.exr --png out.png --size 80x60 --azimuth 30 --elevation -20")
     assert (status, err) == (0, [])
     assert out[0].startswith("read scan.ply: 1 splats in ")
     assert out[1] == "note: estimated 1 normal from 8 neighbours"
@@ -86,23 +84,21 @@ def test_render_writes_both_outputs_and_says_what_it_did(stub, capsys, tmp_path)
     assert read_exr("out.exr")[0]["color"].shape == (60, 80, 4)
     assert iio.imread("out.png").shape == (60, 80, 4)
     camera = stub.calls[0][1]
-    expected = Camera.framing(SPLATS.bounds, 30, -20, up=(0, 0, 1), width=80, height=60)
+    expected = Camera.framing(SPLATS.bounding_sphere, 30, -20, up=(0, 0, 1), width=80, height=60)
     np.testing.assert_array_equal(camera.eye_from_world, expected.eye_from_world)
     assert (camera.width, camera.height, camera.fx) == (80, 60, expected.fx)
 
 
 def test_view_options_reach_the_camera(stub, capsys):
     run(capsys, "render s.ply --png o.png --up -x --fov 20 --projection orthographic")
-    expected = Camera.framing(SPLATS.bounds, up=(-1, 0, 0), fov_y=20, projection="orthographic")
+    expected = Camera.framing(SPLATS.bounding_sphere, up=(-1, 0, 0), fov_y=20, projection="orthographic")
     camera = stub.calls[0][1]
     np.testing.assert_array_equal(camera.eye_from_world, expected.eye_from_world)
     assert (camera.fx, camera.projection, camera.width) == (expected.fx, "orthographic", 512)
 
 
 def test_axis_vectors():
-    assert (
-        axis_vector("x") == (1, 0, 0) and axis_vector("-y") == (0, -1, 0) and axis_vector("-z") == (0, 0, -1)
-    )
+    assert axis_vector("x") == (1, 0, 0) and axis_vector("-y") == (0, -1, 0) and axis_vector("-z") == (0, 0, -1)
 
 
 def test_a_camera_file_replaces_the_framing(stub, capsys, tmp_path):
@@ -112,9 +108,7 @@ def test_a_camera_file_replaces_the_framing(stub, capsys, tmp_path):
     np.testing.assert_allclose(stub.calls[0][1].position, (1, 2, 3))
     for option in ("--azimuth 3", "--size 4x4", "--fov 0", "--up y", "--projection perspective"):
         status, _, err = run(capsys, f"render s.ply --png o.png --camera c.json {option}")
-        assert status == MISTAKE and err[0].startswith(
-            f"splatcl: error: --camera and {option.split()[0]} excl"
-        )
+        assert status == MISTAKE and err[0].startswith(f"splatcl: error: --camera and {option.split()[0]} excl")
 
 
 def test_settings_reach_the_renderer(stub, capsys):
@@ -161,7 +155,7 @@ def test_every_setting_with_choices_is_an_option_with_those_choices(capsys):
 
 def test_device_tile_size_and_on_invalid_are_passed_on(stub, capsys, monkeypatch):
     asked = []
-    monkeypatch.setattr(splatcl.io, "read", lambda *args: asked.append(args) or SPLATS, raising=False)
+    monkeypatch.setattr(splatcl.io, "read", lambda *args: asked.append(args) or SPLATS)
     options = "--device intel --tile-size 32 --on-invalid drop"
     assert run(capsys, f"render s.ply --png o.png {options}")[0] == 0
     assert stub.made == {"device": "intel", "tile_size": 32}
@@ -211,9 +205,7 @@ MISTAKES = [
 
 
 @pytest.mark.parametrize(("command", "message"), MISTAKES)
-def test_mistakes_are_one_line_and_status_2_before_anything_is_rendered(
-    stub, capsys, tmp_path, command, message
-):
+def test_mistakes_are_one_line_and_status_2_before_anything_is_rendered(stub, capsys, tmp_path, command, message):
     (tmp_path / "folder.exr").mkdir()
     status, out, err = run(capsys, command)
     assert status == MISTAKE and len(err) == 1 and err[0].startswith("splatcl: error: ")
@@ -223,7 +215,7 @@ def test_mistakes_are_one_line_and_status_2_before_anything_is_rendered(
 
 
 def test_outputs_are_checked_before_the_scan_is_read(stub, capsys, monkeypatch):
-    monkeypatch.setattr(splatcl.io, "read", lambda *a: pytest.fail("it was read"), raising=False)
+    monkeypatch.setattr(splatcl.io, "read", lambda *a: pytest.fail("it was read"))
     assert run(capsys, "render s.ply -o missing/o.exr")[0] == MISTAKE
     assert run(capsys, "render s.ply -o o.exr --size 1")[0] == MISTAKE
 
@@ -242,7 +234,7 @@ def test_statuses(stub, capsys, monkeypatch, error, status, message):
     def fail(*args):
         raise error
 
-    monkeypatch.setattr(splatcl.io, "read", fail, raising=False)
+    monkeypatch.setattr(splatcl.io, "read", fail)
     assert run(capsys, "render s.ply -o o.exr") == (status, [], [message] if message else [])
 
 
@@ -250,14 +242,58 @@ def test_an_unforeseen_error_keeps_its_traceback(stub, monkeypatch):
     def fail(*args):
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(splatcl.io, "read", fail, raising=False)
+    monkeypatch.setattr(splatcl.io, "read", fail)
     with pytest.raises(ZeroDivisionError):
         main(["render", "s.ply", "-o", "o.exr"])
 
 
-def test_info_prints_the_summary(capsys, monkeypatch):
-    monkeypatch.setattr(splatcl.io, "inspect", lambda path: f"summary of {path}", raising=False)
-    assert run(capsys, "info s.ply") == (0, ["summary of s.ply"], [])
+def test_info_prints_the_summary(capsys, tmp_path):
+    (tmp_path / "s.xyz").write_text("0 0 0\n1000000.5 0 0\n1000000.5 2 0\nnan 0 0\n")
+    status, out, err = run(capsys, f"info {tmp_path}/s.xyz")
+    assert (status, err) == (0, [])
+    assert out[0].startswith(f"{tmp_path}/s.xyz: ")
+    assert out[1:7] == [
+        "points      4",
+        "attributes  none but positions",
+        "least       0 0 0",
+        "greatest    1000000.5 2 0",
+        "size        1e+06 2 0",
+        "spacing     2 (median distance to the nearest neighbour)",
+    ]
+    assert out[7] == "skipped     1 points with a non-finite number"
+
+
+def test_info_prints_triangles_and_notes(capsys, monkeypatch, tmp_path):
+    summary = splatcl.io.Summary(
+        path=tmp_path,
+        format="OBJ (text)",
+        num_points=3,
+        num_faces=1,
+        bounds=np.zeros((2, 3)),
+        attributes=("normals", "color"),
+        spacing=0.5,
+        skipped=(),
+        notes=("ignored lines of vt",),
+    )
+    monkeypatch.setattr(splatcl.io, "inspect", lambda path: summary)
+    _, out, _ = run(capsys, "info s.obj")
+    assert out[2:4] == ["triangles   1", "attributes  normals, color"]
+    assert out[-2:] == ["skipped     nothing", "note: ignored lines of vt"]
+
+
+def test_process_renders_a_file_of_bare_points(tmp_path):
+    y, x = np.mgrid[-1:1:21j, -1:1:21j]
+    points = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
+    np.savetxt(tmp_path / "s.xyz", points)
+    result = run_process("render s.xyz -o o.exr --png o.png --size 64x48 --elevation 10", cwd=tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "note: estimated" in result.stdout and "wrote o.png" in result.stdout
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["o.exr", "o.png", "s.xyz"]
+    aovs, camera, metadata = read_exr(tmp_path / "o.exr")
+    assert camera is not None and metadata["epsilon"] > 0
+    depth = np.linalg.norm(camera.position)  # the origin is at the middle of the image
+    assert aovs["Z"][24, 32] == pytest.approx(depth, rel=0.01)
+    assert iio.imread(tmp_path / "o.png")[24, 32, 3] == 255
 
 
 def test_devices_lists_them_and_stars_the_one_in_use(capsys, monkeypatch):
@@ -265,9 +301,7 @@ def test_devices_lists_them_and_stars_the_one_in_use(capsys, monkeypatch):
 
     known = [
         device.DeviceInfo(0, "Platform A", "cpu", "OpenCL 3.0 A", True, {"double": "yes"}, None),
-        device.DeviceInfo(
-            1, "Platform B", "gpu", "OpenCL 1.2 B", False, {"double": "no", "lanes": "1"}, None
-        ),
+        device.DeviceInfo(1, "Platform B", "gpu", "OpenCL 1.2 B", False, {"double": "no", "lanes": "1"}, None),
     ]
     monkeypatch.setattr(device, "list_devices", lambda: known)
     monkeypatch.setenv("SPLATCL_DEVICE", "platform b")
@@ -350,9 +384,7 @@ def test_process_interrupt_is_quiet_and_130(tmp_path):
 
 
 def test_help_imports_nothing_heavy():
-    code = (
-        "import sys, splatcl.cli; splatcl.cli.main(['--help']); print(sorted(sys.modules), file=sys.stderr)"
-    )
+    code = "import sys, splatcl.cli; splatcl.cli.main(['--help']); print(sorted(sys.modules), file=sys.stderr)"
     start = time.perf_counter()
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert time.perf_counter() - start < 3  # 0.3 s on an idle machine

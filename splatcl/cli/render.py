@@ -70,7 +70,7 @@ class View:
 
         width, height = self.image_size()
         return Camera.framing(
-            splats.bounds,
+            splats.bounding_sphere,
             self.azimuth or 0.0,
             self.elevation or 0.0,
             axis_vector(self.up or io.up_axis(scan)),

@@ -1,0 +1,49 @@
+# `make demo` and `make test` do all their set-up; nothing but Python 3.11 or newer is needed.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV ?= .venv
+BIN := $(VENV)/bin
+
+.PHONY: demo test test-all lint format reference-images contact-sheet clean
+
+demo: $(VENV)/installed
+	@mkdir -p out
+	$(BIN)/splatcl render reference_images/scans/bunny.pts -o out/demo.exr --png out/demo.png \
+		--size 800x600 --azimuth 20 --elevation 10
+	@echo "Open out/demo.png; out/demo.exr holds every buffer."
+
+test: $(VENV)/installed-test
+	$(BIN)/python -m pytest -m "not slow"
+
+test-all: $(VENV)/installed-test
+	$(BIN)/python -m pytest
+
+lint: $(VENV)/installed-test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(VENV)/installed-test
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+# Renders every reference image again and rewrites reference_images/README.md.
+reference-images: $(VENV)/installed-test
+	$(BIN)/python reference_images/regenerate.py
+
+# Renders every model of a folder to docs/contact_sheet.png: make contact-sheet MODELS=path
+contact-sheet: $(VENV)/installed-test
+	$(BIN)/python docs/contact_sheet.py $(MODELS)
+
+$(VENV)/installed: pyproject.toml
+	@echo "Installing splatcl into $(VENV) (about a minute) ..."
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --disable-pip-version-check --progress-bar off --quiet -e '.[all]'
+	@touch $@
+
+$(VENV)/installed-test: $(VENV)/installed
+	@echo "Installing the test tools (about a minute) ..."
+	$(BIN)/python -m pip install --disable-pip-version-check --progress-bar off --quiet -e '.[test]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) out build dist *.egg-info
