@@ -18,7 +18,7 @@ WORK = """
 import sys, time
 from splatcl import progress
 progress.DELAY = float(sys.argv[1])
-with progress.stage("Estimating normals", total=10) as advance:
+with progress.stage("Reading [b]a[/b].ply", total=10) as advance:
     for _ in range(10):
         advance(1)
         with progress.stage("An inner stage"):
@@ -52,7 +52,7 @@ def run_on_a_terminal(delay):
 def test_a_long_stage_shows_a_bar_on_a_terminal_and_removes_it():
     stdout, shown = run_on_a_terminal(0.1)
     assert stdout == "True"
-    assert "Estimating normals" in shown and "━" in shown
+    assert "Reading [b]a[/b].ply" in shown and "━" in shown
     assert "An inner stage" not in shown
     assert shown.rstrip("\r\n").endswith("\x1b[2K")  # the last thing done is to clear the line
 

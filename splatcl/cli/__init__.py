@@ -31,7 +31,7 @@ app = App(
 )
 COMMANDS = {
     "render": "Render a scan to an OpenEXR file, a PNG, or both.",
-    "info": "Say what a scan holds, what would be estimated and what would be skipped.",
+    "info": "Say what a scan holds and what of it would be left out.",
     "devices": "List the OpenCL devices and mark the one that is used.",
 }
 """Each is a function in the file of its name, imported only when it is run."""

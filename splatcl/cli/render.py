@@ -12,6 +12,7 @@ from cyclopts import Parameter
 
 from splatcl.camera import Camera, Projection
 from splatcl.errors import CameraError, SettingsError
+from splatcl.progress import stage
 from splatcl.settings import RenderSettings
 from splatcl.splats import OnInvalid, Splats
 
@@ -136,15 +137,17 @@ def render(
     renderer = splatcl.Renderer(device=device, tile_size=tile_size)
 
     start = time.perf_counter()
-    splats = io.read(scan, on_invalid)
+    with stage(f"Reading {scan.name}"):
+        splats = io.read(scan, on_invalid)
     print(f"read {scan}: {len(splats)} splats in {_seconds_since(start)}")
     for note in splats.notes:
         print(f"note: {note}")
     camera = camera or view.framing(splats, scan)
 
     start = time.perf_counter()
-    frame = renderer.render(splats, camera, settings)
-    covered = float((frame.color[..., 3] > 0).mean())
+    with stage("Rendering"):
+        frame = renderer.render(splats, camera, settings)
+        covered = float((frame.color[..., 3] > 0).mean())
     took = _seconds_since(start)
     print(f"rendered {frame.width}x{frame.height} in {took}; splats cover {covered:.1%} of the image")
     print(f"device {frame.metadata['device']}")
@@ -180,7 +183,8 @@ def save(frame: Frame, outputs: list[Path], exposure: float) -> None:
 
     for path in outputs:
         start = time.perf_counter()
-        frame.save(path, exposure if output_format(path) == ".png" else 0.0)
+        with stage(f"Writing {path.name}"):
+            frame.save(path, exposure if output_format(path) == ".png" else 0.0)
         print(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB) in {_seconds_since(start)}")
 
 
