@@ -9,12 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
+from numpy.typing import ArrayLike
 
 from splatcl.camera import Camera, Projection
 from splatcl.errors import CameraError, SettingsError
 from splatcl.progress import stage
 from splatcl.settings import RenderSettings
-from splatcl.splats import OnInvalid, Splats
+from splatcl.splats import OnInvalid
 
 if TYPE_CHECKING:
     from splatcl.frame import Frame
@@ -54,27 +55,25 @@ class View:
     projection: Projection | None = None
 
     def file_camera(self) -> Camera | None:
-        """Return the camera of the file, None where none is given."""
+        """Return the camera of the file; where none is given check the other options and return None."""
         from splatcl.io.cameras import read_camera
 
         if self.camera is None:
-            self.image_size()
+            self.framing(((0.0, 0.0, 0.0), 1.0), "y")
             return None
         for name in ("size", "azimuth", "elevation", "fov", "up", "projection"):
             if getattr(self, name) is not None:
                 raise CameraError(f"--camera and --{name} exclude each other: the camera file says it all")
         return read_camera(self.camera)
 
-    def framing(self, splats: Splats, scan: Path) -> Camera:
-        """Return a camera that sees all of the splats."""
-        from splatcl import io
-
+    def framing(self, sphere: tuple[ArrayLike, float], up: str) -> Camera:
+        """Return a camera that sees all of a bounding sphere; `up` is the axis where no option gives one."""
         width, height = self.image_size()
         return Camera.framing(
-            splats.bounding_sphere,
+            sphere,
             self.azimuth or 0.0,
             self.elevation or 0.0,
-            axis_vector(self.up or io.up_axis(scan)),
+            axis_vector(self.up or up),
             45.0 if self.fov is None else self.fov,
             width,
             height,
@@ -142,7 +141,7 @@ def render(
     print(f"read {scan}: {len(splats)} splats in {_seconds_since(start)}")
     for note in splats.notes:
         print(f"note: {note}")
-    camera = camera or view.framing(splats, scan)
+    camera = camera or view.framing(splats.bounding_sphere, io.up_axis(scan))
 
     start = time.perf_counter()
     with stage("Rendering"):
