@@ -110,6 +110,16 @@ class Splats:
         distance = np.linalg.norm(self.center - middle, axis=1) + self.radius
         return middle, float(distance.max(initial=0.0))
 
+    def without_outliers(self) -> Splats:
+        """Return the splats less the few that lie far out, for framing: raw scans have strays.
+
+        A stray is over twice as far from the median centre as 95 % of the splats are.
+        """
+        if not len(self):
+            return self
+        distance = np.linalg.norm(self.center - np.median(self.center, axis=0), axis=1)
+        return self.take(distance <= 2 * np.quantile(distance, 0.95))
+
     def take(self, ids: ArrayLike) -> Splats:
         """Return the splats at `ids` (indices, a mask or a slice), in that order."""
         key: Any = ids if isinstance(ids, slice) else np.asarray(ids)
