@@ -53,7 +53,7 @@ def sheet(folder: Path, output: Path) -> None:
             rendered = Image.open(png)
             picture.paste(rendered, (x, y + LABEL), rendered)
             draw.text((x + 4, y + 2), model.name, fill="black")
-    picture.quantize(256).save(output, optimize=True)
+    picture.save(output, optimize=True)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from importlib.metadata import version
 from splatcl.camera import Camera
 from splatcl.errors import SplatclError
 from splatcl.frame import Frame
+from splatcl.io import read, write
 from splatcl.lights import Light, Material
 from splatcl.render import Renderer, render
 from splatcl.settings import RenderSettings
@@ -20,5 +21,7 @@ __all__ = [
     "Renderer",
     "SplatclError",
     "Splats",
+    "read",
     "render",
+    "write",
 ]

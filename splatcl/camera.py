@@ -159,8 +159,7 @@ class Camera:
         right = np.cross(forward, upward)
         if not distance > 0 or not np.linalg.norm(right) > 1e-9 * distance * np.linalg.norm(upward):
             raise CameraError(f"look_at: eye {eye}, target {target} and up {up} do not span a view")
-        if not 0 < fov_y < 180:
-            raise CameraError(f"fov_y {fov_y} must be between 0 and 180 degrees")
+        _check_fov(fov_y)
         z = forward / distance
         x = right / np.linalg.norm(right)
         matrix = np.eye(4)
@@ -197,8 +196,9 @@ class Camera:
         """
         center, radius = _vector("center", sphere[0]), float(sphere[1]) or 1.0
         upward = _vector("up", up)
-        if not -90 < elevation < 90:
-            raise CameraError(f"elevation {elevation} must be between -90 and 90 degrees")
+        if not (-90 < elevation < 90 and np.isfinite(azimuth)):
+            raise CameraError(f"elevation {elevation} must be between -90 and 90 degrees, azimuth {azimuth} finite")
+        _check_fov(fov_y)
         if not np.linalg.norm(upward) > 0:
             raise CameraError(f"up {up} is not a direction")
         upward = upward / np.linalg.norm(upward)
@@ -212,6 +212,11 @@ class Camera:
         distance = radius / np.sin(half)
         kwargs.setdefault("near", max(distance - 1.1 * radius, 1e-3 * radius))
         return cls.look_at(center + distance * outward, center, upward, fov_y, width, height, **kwargs)
+
+
+def _check_fov(fov_y: float) -> None:
+    if not 0 < fov_y < 180:
+        raise CameraError(f"fov_y {fov_y} must be between 0 and 180 degrees")
 
 
 def _vector(name: str, value: ArrayLike) -> NDArray[np.float64]:

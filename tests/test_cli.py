@@ -172,6 +172,8 @@ MISTAKES = [
     ("render s.ply -o o.exr --size 0x5", "0x5' is not WIDTHxHEIGHT"),
     ("render s.ply -o o.exr --size 99999x5", "99999x5"),
     ("render s.ply -o o.exr --fov 180", "fov_y 180"),
+    ("render s.ply -o o.exr --fov 0", "fov_y 0"),
+    ("render s.ply -o o.exr --azimuth inf", "azimuth inf"),
     ("render s.ply -o o.exr --size -3x5", "--size"),
     ("render s.ply -o o.exr --epsilon -1", "epsilon -1.0"),
     ("render s.ply -o o.exr --epsilon abc", "abc"),

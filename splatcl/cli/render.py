@@ -15,7 +15,7 @@ from splatcl.camera import Camera, Projection
 from splatcl.errors import CameraError, SettingsError
 from splatcl.progress import stage
 from splatcl.settings import RenderSettings
-from splatcl.splats import OnInvalid
+from splatcl.splats import OnInvalid, Splats
 
 if TYPE_CHECKING:
     from splatcl.frame import Frame
@@ -88,6 +88,14 @@ class View:
         return int(match[1]), int(match[2])
 
 
+def _framed(splats: Splats) -> Splats:
+    """Return the splats to frame, and say how many strays that leaves out."""
+    framed = splats.without_outliers()
+    if len(framed) < len(splats):
+        print(f"note: framed without {len(splats) - len(framed)} strays, which are rendered all the same")
+    return framed
+
+
 def axis_vector(axis: str) -> tuple[float, float, float]:
     """Return the unit vector of "x", "-z" ..."""
     sign = -1.0 if axis.startswith("-") else 1.0
@@ -141,7 +149,7 @@ def render(
     print(f"read {scan}: {len(splats)} splats in {_seconds_since(start)}")
     for note in splats.notes:
         print(f"note: {note}")
-    camera = camera or view.framing(splats.bounding_sphere, io.up_axis(scan))
+    camera = camera or view.framing(_framed(splats).bounding_sphere, io.up_axis(scan))
 
     start = time.perf_counter()
     with stage("Rendering"):
