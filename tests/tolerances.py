@@ -39,3 +39,42 @@ MITSUBA_EXCLUDED = 0.001
 
 MITSUBA_DEPTH = 1e-5
 """Relative depth error of the same: a float32 matrix inverse of discs up to 1:20 and 5 degrees from edge-on."""
+
+# ---- the kernels against the oracle
+
+DOUBLE_UNITS = MARGIN_UNITS * 2.0**-29
+"""MARGIN_UNITS for float64 kernels: 2^-53 / 2^-24 smaller."""
+
+MASKED = {"near_plane": 0.04, "giant": 0.12}
+MASKED_OTHERWISE = 0.01
+"""Largest share of an image's covered pixels whose decisions may be left out, by scene (seen: 2.7 % near the eye,
+8 % of giant discs, 0.7 % of every other scene)."""
+
+DEPTH_RELATIVE = 2e-6
+"""Depth outside the mask, of depth (seen: 1.3e-6 on ordinary scenes)."""
+
+DEPTH_UNITS = {"giant": 128.0}
+DEPTH_UNITS_OTHERWISE = 10.0
+"""Depth of ill-conditioned splats, in float roundings of the oracle's first-order scale; the larger of this and
+DEPTH_RELATIVE holds (seen: 2.9 in float32, 6.7 in float64; 86 for discs a thousand times as large as the view that
+pass through the eye plane, which the kernels describe from their farthest point and the scale from their centre)."""
+
+RESOLVED = 1e-5
+"""Resolved colour, unnormalised normal and mean depth outside the mask (seen: 1.3e-6)."""
+
+RESOLVED_ADVERSARIAL = 5e-5
+"""The same for needles and giants, where r itself is off by 2^-24 times the aspect (seen: 2.3e-5)."""
+
+WEIGHT_RELATIVE = 5e-5
+"""Weight of the weight: the error of r^2, times cutoff^2 / 2, does not cancel as it does when a colour is resolved
+(seen: 1.8e-5)."""
+
+WEIGHT_ADVERSARIAL = 1e-3
+"""The same for ill-conditioned scenes (seen: 2.8e-4 for needles)."""
+
+DOUBLE_RELATIVE = 1e-12
+"""All of these with float64 kernels, ordinary scenes (seen: 2.6e-13 weight, 1.6e-14 others). An error in the
+algebra, the exponential or a constant rounded to float32 would be far above it."""
+
+DOUBLE_ADVERSARIAL = 2e-11
+"""The same, ill-conditioned scenes (seen: 6.3e-12 weight, 1.3e-12 others)."""

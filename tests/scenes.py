@@ -1,0 +1,142 @@
+"""Small scenes that the tests share: deterministic by seed, float32 numbers (exact on the device), read-only.
+
+Every builder takes a seed and returns `Splats` around the world's origin, for cameras that look from `EYE`
+or from near it. `SCENES` and `CAMERAS` name them; ADVERSARIAL scenes are ill-conditioned on purpose.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatcl import Camera, Splats
+
+EYE = np.array([0.0, 0.0, 3.0])
+SIZE = {"width": 61, "height": 47}
+"""No multiple of any tile or block; the oracle does a scene in about a tenth of a second."""
+EPSILON = 0.03125
+
+
+def frames(normal):
+    """Return (N, 3), (N, 3) unit tangents that are perpendicular to each other and to `normal`."""
+    normal = np.atleast_2d(normal) / np.linalg.norm(normal, axis=-1, keepdims=True)
+    away = np.where(np.abs(normal[:, :1]) < 0.9, [[1.0, 0, 0]], [[0.0, 1, 0]])
+    u = np.cross(normal, away)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return u, np.cross(normal, u)
+
+
+def log_uniform(rng, low, high, num):
+    return np.exp(rng.uniform(np.log(low), np.log(high), (num, 1)))
+
+
+def make(rng, center, tangent_u, tangent_v):
+    """Round to float32 and colour at random."""
+    arrays = (center, tangent_u, tangent_v, rng.uniform(0, 1, (len(center), 3)))
+    center, tangent_u, tangent_v, color = (array.astype(np.float32) for array in arrays)
+    return Splats(center, tangent_u, tangent_v, color=color)
+
+
+def random_ellipses(seed=0, num=200):
+    """Ellipses of every size, aspect and pose in the box [-1.2, 1.2]^2 x [-1, 1]."""
+    rng = np.random.default_rng(seed)
+    u, v = frames(rng.normal(size=(num, 3)))
+    radius = log_uniform(rng, 0.01, 0.6, num)
+    center = rng.uniform(-1, 1, (num, 3)) * [1.2, 1.2, 1.0]
+    return make(rng, center, u * radius, v * radius * log_uniform(rng, 0.05, 1, num))
+
+
+def thin(seed=0, num=200):
+    """Needles: axes whose lengths differ by 30 to 10 000 times."""
+    rng = np.random.default_rng(seed)
+    u, v = frames(rng.normal(size=(num, 3)))
+    radius = log_uniform(rng, 0.1, 1, num)
+    return make(rng, rng.uniform(-1, 1, (num, 3)), u * radius, v * radius * log_uniform(rng, 1e-4, 0.03, num))
+
+
+def edge_on(seed=0, num=200, parallel=False):
+    """Discs tilted 1e-7 to 0.1 out of the line of sight from EYE (`parallel`: out of the z direction)."""
+    rng = np.random.default_rng(seed)
+    center = rng.uniform(-1, 1, (num, 3))
+    sight = np.tile([[0.0, 0, -1]], (num, 1)) if parallel else center - EYE
+    sight /= np.linalg.norm(sight, axis=1, keepdims=True)
+    across = np.cross(sight, rng.normal(size=(num, 3)))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    u, v = frames(across + log_uniform(rng, 1e-7, 0.1, num) * rng.choice([-1, 1], (num, 1)) * sight)
+    angle, radius = rng.uniform(0, 2 * np.pi, (num, 1)), log_uniform(rng, 0.01, 1, num)
+    u, v = np.cos(angle) * u + np.sin(angle) * v, np.cos(angle) * v - np.sin(angle) * u
+    return make(rng, center, u * radius, v * radius * log_uniform(rng, 0.1, 1, num))
+
+
+def near_plane(seed=0, num=200):
+    """Discs about the eye: they straddle the near plane and the eye plane, or are behind, some by their centre."""
+    rng = np.random.default_rng(seed)
+    u, v = frames(rng.normal(size=(num, 3)))
+    u, v = (t * log_uniform(rng, 0.01, 2, num) for t in (u, v))
+    return make(rng, EYE + rng.normal(size=(num, 3)) * 0.2, u, v)
+
+
+def giant(seed=0, num=60):
+    """Discs up to a thousand times as large as the view, many through the eye plane."""
+    rng = np.random.default_rng(seed)
+    u, v = frames(rng.normal(size=(num, 3)))
+    u, v = (t * log_uniform(rng, 1, 1000, num) for t in (u, v))
+    return make(rng, rng.uniform(-3, 3, (num, 3)), u, v)
+
+
+def sub_pixel(seed=0, num=1000):
+    """Discs of 1e-7 to 0.2 pixels in diameter: only the pre-filter keeps them."""
+    rng = np.random.default_rng(seed)
+    u, v = frames(rng.normal(size=(num, 3)))
+    u, v = (t * log_uniform(rng, 1e-7, 5e-3, num) for t in (u, v))
+    return make(rng, rng.uniform(-1, 1, (num, 3)), u, v)
+
+
+def layers(seed=0, num=150):
+    """Nearly facing discs on top of each other, their depths spread over a few EPSILON."""
+    rng = np.random.default_rng(seed)
+    u, v = frames(np.array([[0.0, 0, 1]]) + rng.normal(size=(num, 3)) * 0.1)
+    center = rng.normal(size=(num, 3)) * [0.4, 0.4, EPSILON]
+    radius = log_uniform(rng, 0.1, 0.4, num)
+    return make(rng, center, u * radius, v * radius)
+
+
+def sphere(seed=0, num=400):
+    """A closed unit sphere of overlapping discs on a Fibonacci lattice, normals outward."""
+    rng = np.random.default_rng(seed)
+    i = np.arange(num) + 0.5
+    latitude, longitude = np.arccos(1 - 2 * i / num), np.pi * (1 + 5**0.5) * i
+    ring = np.sin(latitude)
+    center = np.stack([np.cos(longitude) * ring, np.sin(longitude) * ring, np.cos(latitude)], axis=1)
+    u, v = frames(center)
+    radius = 2 * np.sqrt(4 / num)
+    return make(rng, center, u * radius, v * radius)
+
+
+def edge_on_parallel(seed=0):
+    """Discs that are nearly edge-on to an orthographic camera along z."""
+    return edge_on(seed, parallel=True)
+
+
+ORDINARY = {"random_ellipses": random_ellipses, "layers": layers, "sphere": sphere}
+ADVERSARIAL = {
+    "thin": thin,
+    "edge_on": edge_on,
+    "edge_on_parallel": edge_on_parallel,
+    "near_plane": near_plane,
+    "giant": giant,
+    "sub_pixel": sub_pixel,
+}
+SCENES = ORDINARY | ADVERSARIAL
+
+_POSE = Camera.look_at((0.4, -0.3, 3.1), (0.1, 0, 0), up=(0.3, 1, 0)).eye_from_world
+CAMERAS = {
+    "outside": Camera.look_at(EYE, (0, 0, 0), **SIZE),
+    "clipped": Camera.look_at(EYE, (0, 0, 0), near=2.625, far=3.375, **SIZE),
+    "close": Camera.look_at(EYE, (0, 0, 0), near=0.125, far=3.5, **SIZE),
+    "inside": Camera.look_at((0, 0, 0.5), (0.1, 0, -1), near=0.0625, **SIZE),
+    "off_center": Camera(_POSE, 71.3, 54.7, 21.9, 30.2, **SIZE),
+    "orthographic": Camera.look_at(EYE, (0, 0, 0), near=-10, projection="orthographic", **SIZE),
+}
+
+VIEWS = [(s, c) for s in SCENES for c in CAMERAS if (s, c) not in {("near_plane", "clipped"), ("near_plane", "inside")}]
+"""Every scene under every camera; the two left out see nothing."""
