@@ -43,18 +43,19 @@ class DeviceInfo:
     handle: Any = field(repr=False, compare=False)
 
 
-def _ensure_kernel_cache() -> None:
-    """Give PoCL a cache folder it can write; without one it cannot create a context."""
-    if "POCL_CACHE_DIR" in os.environ:
-        return
-    base = os.environ.get("XDG_CACHE_HOME") or str(Path("~").expanduser() / ".cache")
-    folder = Path(base) / "pocl" / "kcache"
+def _ensure_cache_folder() -> None:
+    """Give PoCL and PyOpenCL a cache folder they can write; without one neither starts."""
     try:
+        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return
-    except OSError:
-        os.environ["POCL_CACHE_DIR"] = tempfile.mkdtemp(prefix="splatcl-pocl-")
+    except (OSError, RuntimeError):  # RuntimeError: no home at all
+        substitute = Path(tempfile.gettempdir()) / f"splatcl-cache-{os.getuid()}"
+        substitute.mkdir(mode=0o700, exist_ok=True)
+        if substitute.stat().st_uid != os.getuid():
+            substitute = Path(tempfile.mkdtemp(prefix="splatcl-cache-"))
+        os.environ["XDG_CACHE_HOME"] = str(substitute)
 
 
 def _preference(device: Any) -> tuple[bool, bool, tuple[int, ...]]:
@@ -87,7 +88,7 @@ def list_devices() -> list[DeviceInfo]:
         OpenCL itself does not start.
     """
     global _opened_by
-    _ensure_kernel_cache()
+    _ensure_cache_folder()
     import pyopencl as cl
 
     _opened_by = os.getpid()
@@ -201,6 +202,7 @@ class DeviceQueue:
             self.queue = cl.CommandQueue(self.context)
         except cl.Error as error:
             raise DeviceError(f"{self.info.version}, {self.info.name} does not start: {error}") from None
+        self.largest_buffer = handle.max_mem_alloc_size
         self.lock = threading.RLock()
         self._programs: dict[tuple[Any, ...], Program] = {}
         self._scratch: dict[str, Any] = {}
@@ -216,10 +218,9 @@ class DeviceQueue:
         """Return a new buffer of at least one byte that the host can map."""
         import pyopencl as cl
 
-        limit = self.info.handle.max_mem_alloc_size
-        if num_bytes > limit:
+        if num_bytes > self.largest_buffer:
             raise DeviceError(
-                f"a buffer of {num_bytes / 2**20:.0f} MiB exceeds this device's {limit / 2**20:.0f} MiB; "
+                f"a buffer of {num_bytes / 2**20:.0f} MiB exceeds this device's {self.largest_buffer / 2**20:.0f} MiB; "
                 "use a smaller image or fewer splats"
             )
         flags = cl.mem_flags.READ_WRITE | cl.mem_flags.ALLOC_HOST_PTR
