@@ -78,3 +78,39 @@ algebra, the exponential or a constant rounded to float32 would be far above it.
 
 DOUBLE_ADVERSARIAL = 2e-11
 """The same, ill-conditioned scenes (seen: 6.3e-12 weight, 1.3e-12 others)."""
+
+# ---- the records of the projection
+
+REFERENCE_PIXELS = {"single": 5e-8, "double": 1e-11}
+"""The projected centre, pixels: float32 kernels compute it to 48 bits and round its offset from a pixel once
+(seen: 1.5e-8); float64 kernels are compared with a float64 oracle (seen: 1e-12)."""
+
+COEFFICIENT_UNITS = 5.0
+"""Coefficients of u, v and z, in roundings of the products that they are differences of (seen: 1.4)."""
+
+NORMAL_UNITS = 16.0
+"""Unit normals: a cross product of rotated tangents, in roundings, for tangents at right angles."""
+
+PREFILTER_POINT_UNITS = 8.0
+"""The bounds' centre as the pre-filter's, in units of the oracle's estimate of its float32 error."""
+
+BOUNDS_LOOSER = 0.02
+"""Pixels by which a record's bounds may exceed the exact ones (their own slack is 0.0078)."""
+
+BOUNDS_LOOSER_SIZE = 2e-5
+"""The same, of the bounds' size (their own slack is 3.8e-6)."""
+
+BOUNDS_LOOSER_TILT = 2e-6
+"""The same, of size / cos(tilt) (their own slack is 9.5e-7)."""
+
+# ---- shading
+
+SHADED_SINGLE = 1e-6
+"""Resolved and shaded values of about 1 to 10 from the same sums: a few roundings, times the shininess for Phong's
+power."""
+
+SHADED_DOUBLE = 1e-13
+"""The same in float64 (seen: 4e-15; the power's series stops at 1e-16)."""
+
+SPECULAR_EDGE = 1e-5
+"""|N.L| below which Phong's highlight may be on or off: R.V does not fade there."""

@@ -1,0 +1,89 @@
+"""Binning: each tile's run holds exactly the records whose bounds reach the tile, in splat order."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+from agreement import scene
+from passes import DevicePasses
+from scenes import CAMERAS, EPSILON, EYE
+
+from splatcl import Camera, RenderSettings, pipeline
+
+SETTINGS = RenderSettings(epsilon=EPSILON)
+TILES = [8, 16, 32, 64]
+
+
+def bands_of(max_records):
+    """Return `pipeline.bands` with another limit: several bands of tiles, even for a few splats."""
+    return partial(pipeline.bands, max_records=max_records)
+
+
+def brute_force(records, camera, tile_size):
+    """Return for each tile in row-major order the places in `records` whose bounds overlap the tile's pixels."""
+    places = []
+    for y in range(0, camera.height, tile_size):
+        for x in range(0, camera.width, tile_size):
+            inside_x = (records["x_min"] < x + tile_size) & (records["x_max"] >= x)
+            inside_y = (records["y_min"] < y + tile_size) & (records["y_max"] >= y)
+            places.append(np.flatnonzero(inside_x & inside_y))
+    return places
+
+
+@pytest.mark.parametrize("max_records", [1, 100, 8 << 20])
+@pytest.mark.parametrize("tile_size", TILES)
+@pytest.mark.parametrize("scene_name", ["random_ellipses", "giant", "near_plane", "sub_pixel"])
+def test_runs_are_what_brute_force_gives(device, monkeypatch, scene_name, tile_size, max_records):
+    monkeypatch.setattr(pipeline, "bands", bands_of(max_records))
+    monkeypatch.setattr(pipeline, "MIN_CHUNK", 16)  # several chunks, the last one not full
+    camera = Camera.look_at(EYE, (0, 0, 0), near=0.125, width=150, height=91)
+    passes = DevicePasses(device, scene(scene_name), camera, SETTINGS, tile_size)
+    records, attributes = passes.project()
+    runs, bands = passes.bin()
+    expected = brute_force(records, camera, tile_size)
+    assert len(runs) == len(expected) and sum(len(places) for places in expected) > 0
+    for run, places in zip(runs, expected, strict=True):
+        np.testing.assert_array_equal(run.records, records[places])
+        np.testing.assert_array_equal(run.attributes, attributes[places])
+        assert (np.diff(run.records["id"].astype(np.int64)) > 0).all()
+    assert [first for first, _ in bands] == [0] + [last for _, last in bands[:-1]]
+    assert bands[-1][1] == len(runs)
+    assert (len(bands) == 1) == (max_records == 8 << 20)
+
+
+@pytest.mark.parametrize("min_chunk", [1, 48, 1024])
+def test_chunks_do_not_change_the_records(device, monkeypatch, min_chunk):
+    whole = DevicePasses(device, scene("sub_pixel"), CAMERAS["outside"], SETTINGS).project()
+    monkeypatch.setattr(pipeline, "MIN_CHUNK", min_chunk)
+    monkeypatch.setattr(pipeline, "MAX_CHUNKS", 10000)
+    cut = DevicePasses(device, scene("sub_pixel"), CAMERAS["outside"], SETTINGS).project()
+    for a, b in zip(whole, cut, strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("totals", [[0], [5], [0, 0, 0], [3, 3, 3, 3], [9, 0, 0, 1], [0, 9, 9, 0], [1] * 20])
+@pytest.mark.parametrize("max_records", [1, 3, 4, 9, 100])
+def test_bands_cut_the_tiles_once(totals, max_records):
+    cuts = list(pipeline.bands(np.array(totals, np.int32), max_records))
+    tiles = [tile for first, last in cuts for tile in range(first, last)]
+    assert tiles == list(range(len(totals)))
+    for first, last in cuts:
+        assert sum(totals[first:last]) <= max_records or last == first + 1
+
+
+def test_bands_count_beyond_32_bits():
+    totals = np.full(4, 2**30, np.int32)
+    assert list(pipeline.bands(totals, 2**31)) == [(0, 2), (2, 4)]
+
+
+@pytest.mark.parametrize("max_records", [1, 50, 500])
+@pytest.mark.parametrize("size", [(61, 47), (1, 1), (16, 16), (17, 1), (1, 33)])
+def test_bands_do_not_change_the_image(renderer, monkeypatch, size, max_records):
+    camera = Camera.look_at((0, 0, 3), (0, 0, 0), width=size[0], height=size[1])
+    whole = dict(renderer.render(scene("random_ellipses"), camera, SETTINGS))
+    monkeypatch.setattr(pipeline, "bands", bands_of(max_records))
+    cut = dict(renderer.render(scene("random_ellipses"), camera, SETTINGS))
+    for name, array in whole.items():
+        assert array.tobytes() == cut[name].tobytes(), name
