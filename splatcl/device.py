@@ -151,9 +151,12 @@ class Program:
         self.kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
 
     def __call__(self, queue: Any, name: str, size: tuple[int, ...], *args: Any) -> None:
-        """Run kernel `name` over `size` work-items; nothing is run where that is empty."""
+        """Run kernel `name` over `size` work-items; nothing is run where that is empty.
+
+        One-dimensional work-items are whole tiles or chunks, one to a group; the runtime groups those of an image.
+        """
         if all(size):
-            self.kernels[name](queue, size, (1,) * len(size), *args)
+            self.kernels[name](queue, size, (1,) if len(size) == 1 else None, *args)
 
 
 def inline_source(name: str, options: Mapping[str, str | int]) -> str:
