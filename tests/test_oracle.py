@@ -219,6 +219,7 @@ def test_weight_falls_from_one_to_the_rim(cutoff):
     assert_allclose(image["weight"][16, 16:21], expected, rtol=ORACLE_RELATIVE)
     assert_allclose(image["weight"][16:21, 16], expected, rtol=ORACLE_RELATIVE)
     assert image["weight"][16, 21] == 0 == image["weight"][21, 16]
+    assert_array_equal(image["Z"][16, 16:22], [2, 2, 2, 2, 2, np.inf])
     if cutoff == 2:
         assert image["weight"][16, 20] == pytest.approx(math.exp(-2))
 
@@ -435,6 +436,10 @@ def test_fragments_blend_by_weight():
     assert_allclose(image["albedo"], np.stack([red, 0.5 * (1 - red), 1 - red], -1), atol=1e-10)
     assert_allclose(image["color"][..., :3], image["albedo"])
     assert_allclose(image["depth.mean"], red * 2.0 + (1 - red) * z_tilted, rtol=1e-10)
+    front = np.where(first > 0, np.minimum(2.0, z_tilted), z_tilted)
+    assert_allclose(image["Z"], front, rtol=1e-10)
+    assert_allclose(image["P"][..., 2], front, rtol=1e-10)
+    assert_allclose(image["depth.distance"], front * np.sqrt(1 + (s**2).sum(axis=-1)), rtol=1e-10)
     normal = first[..., None] * [0, 0, -1] + second[..., None] * [0.8, 0, -0.6]
     assert_allclose(image["N"], normal / np.linalg.norm(normal, axis=-1, keepdims=True), atol=1e-10)
 
@@ -485,6 +490,13 @@ def test_phong_closed_forms():
     assert_allclose(image["color"][4, 4, :3], expected, rtol=ORACLE_RELATIVE)
 
 
+def test_a_light_behind_the_surface_leaves_the_ambient_part():
+    """N = (0.8, 0, -0.6); the light's mirror image looks at the eye, but N.L < 0."""
+    light = Light("directional", (0.52, 0, 0.86))
+    image = render(discs(((0, 0, 2), (0, 1, 0), (0.6, 0, 0.8))), camera(9), lights=(light,))
+    assert_allclose(image["color"][4, 4, :3], np.float32(0.6) * 0.1, rtol=ORACLE_RELATIVE)
+
+
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_headlight_and_specular_follow_the_eye(projection):
     """Off the axis a perspective eye sees the wall at cos = 1 / |d|; an orthographic one always straight."""
@@ -511,7 +523,9 @@ def test_lights_are_in_world_space():
 
 def test_normal_shader():
     slanted = (0, 0, 2), (0, 1, 0), (0.6, 0, 0.8)  # normal (0.8, 0, -0.6)
-    for row, expected in [(facing_disc(), (0.5, 0.5, 1.0)), (slanted, (0.9, 0.5, 0.8))]:
+    raised = (0, 0, 2), (0, 0.6, 0.8), (1, 0, 0)  # normal (0, 0.8, -0.6), down in the image
+    cases = [(facing_disc(), (0.5, 0.5, 1.0)), (slanted, (0.9, 0.5, 0.8)), (raised, (0.5, 0.1, 0.8))]
+    for row, expected in cases:
         assert_allclose(render(discs(row), camera(9), shader="normal")["color"][4, 4, :3], expected)
 
 
@@ -633,15 +647,50 @@ def with_noise(rng, splats, view):
     return Splats(moved, *tangents, splats.color)
 
 
-def test_margin_of_a_facing_disc():
-    """A = 1 / radius px, G = 0, kappa = 1: |1 - r| over (|dx| + |dy| + 2^-22) / radius + 2, in 2^-24."""
-    view = camera(33)
-    margin = render(discs(facing_disc(2.0, 0.6)), view)["margin"]
-    radius = 32 * 0.6 / 2
+@pytest.mark.parametrize(("pixels", "shift"), [(9.6, 0.0), (2.0**-20, 2.0**-21)])
+def test_margin_of_a_facing_disc(pixels, shift):
+    """A = 1 / radius, G = 0, kappa = 1: |1 - r| over (|dx| + |dy| + 2^-22) / radius + 2, in 2^-24."""
+    view = camera(33, cx=16.5 - shift)
+    margin = render(discs(facing_disc(2.0, pixels / 16)), view)["margin"]
     dx, dy = np.abs(np.moveaxis(rays(view), -1, 0)) * 32
-    expected = np.abs(1 - np.hypot(dx, dy) / radius) / (UNIT * ((dx + dy + 2.0**-22) / radius + 2))
+    expected = np.abs(1 - np.hypot(dx, dy) / pixels) / (UNIT * ((dx + dy + 2.0**-22) / pixels + 2))
     edge_on = (1 - 2.0**-16) / 4 / UNIT
-    assert_allclose(margin, np.where(dx**2 + dy**2 <= radius**2, np.minimum(expected, edge_on), expected), rtol=1e-6)
+    assert_allclose(margin, np.where(dx**2 + dy**2 <= pixels**2, np.minimum(expected, edge_on), expected), rtol=1e-6)
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_margin_of_a_tilted_ellipse_is_the_one_defined(projection):
+    """The linear forms A, B, G are found by differencing linear solves; kappa is worked out by hand."""
+    radii, cosine, sine = (0.9, 0.3), 0.6, 0.8
+    center, t_u, t_v = (
+        np.array([0, 0, 2.0]),
+        np.array([radii[0] * cosine, 0, radii[0] * sine]),
+        np.array([0, radii[1], 0]),
+    )
+    view = camera(16, 12.0, near=1.99, projection=projection)
+    kappa = radii[0] / radii[1] / cosine
+
+    def forms(view):
+        u, v, z = np.moveaxis(solve(view, center, t_u, t_v), -1, 0)
+        den = 2 / z if projection == "perspective" else np.ones(z.shape)
+        return np.stack([u * den, v * den, den, z])
+
+    here = forms(view)
+    step_x = forms(dataclasses.replace(view, cx=view.cx - view.fx)) - here
+    step_y = forms(dataclasses.replace(view, cy=view.cy - view.fy)) - here
+    e_x, e_y = np.moveaxis(np.abs(rays(view)) + 2.0**-23 / 12, -1, 0)
+    change = np.abs(step_x) * e_x + np.abs(step_y) * e_y
+    den, z = here[2], here[3]
+    signed_r = (den - np.hypot(*here[:2])) / (change[:3].sum(axis=0) + 1 + kappa) / UNIT
+    if projection == "perspective":
+        scale_z = np.abs(z) * (1 + (1 + kappa) * change[2]) / np.abs(den)
+    else:
+        scale_z = np.abs(z) + (1 + kappa) * change[3]
+    edge_on = (0.6 - 2.0**-16) / 4 / UNIT
+    expected = np.abs(np.minimum(np.minimum(signed_r, edge_on), (z - 1.99) / scale_z / UNIT))
+    image = render(discs((center, t_u, t_v)), view)
+    assert_allclose(image["margin"], expected, rtol=1e-6)
+    assert np.count_nonzero(expected == np.abs(z - 1.99) / scale_z / UNIT) > 3
 
 
 def test_margin_of_a_prefilter_and_of_its_disc_together():
@@ -653,6 +702,18 @@ def test_margin_of_a_prefilter_and_of_its_disc_together():
     dx, dy = np.abs(np.moveaxis(rays(view), -1, 0)) * 32
     disc = np.abs(1 - np.hypot(dx, dy) / radius) / (UNIT * ((dx + dy + 2.0**-22) / radius + 2))
     assert_allclose(image["margin"], np.minimum(expected, disc), rtol=1e-6)
+
+
+def test_margin_of_a_prefilter_about_the_bounds():
+    """The bounds' centre errs by its offset from the projected centre times (z^2 + t_z^2) / (z^2 - t_z^2)."""
+    cosine, sine = 0.5, math.sqrt(3) / 2
+    row = (0, 0, 2), (0, 0.1, 0), (cosine, 0, sine)
+    offset = sum(32 * u * cosine / (2 + u * sine) for u in (-1, 1)) / 2
+    error = 2 + abs(offset) * (4 + sine**2) / (4 - sine**2)
+    radius = (8 - offset) * (1 + 1e-7)  # the pixel 8 to the right of the middle is just inside
+    chosen = RenderSettings(prefilter_center="bounds", prefilter_radius=radius)
+    margin = oracle.render(discs(row), camera(), chosen)["margin"]
+    assert margin[16, 24] == pytest.approx(2e-7 / (UNIT * (2 + 4 * error / radius)), rel=1e-4)
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
@@ -688,13 +749,17 @@ def test_margin_of_facing_only_where_the_splat_is(facing, side):
     """A disc 2^-10 from edge-on: as near to turning as to 2^-16, on its line of pixels only."""
     angle = side * 2.0**-10
     row = (0, 0, 2), (0, 0.25, 0), (0.25 * math.sin(angle), 0, 0.25 * math.cos(angle))
-    image = render(discs(row), camera(33), facing=facing, prefilter="min")
+    image = render(discs(row), camera(33), facing=facing, prefilter="min", prefilter_radius=1.5)
     cosine = math.sin(abs(angle))
     edge, turn = (cosine - 2.0**-16) / 4 / UNIT, cosine / 4 / UNIT
     if facing == "cull" and side < 0:
         assert_allclose(image["margin"][16, 16], turn, rtol=1e-9)
     else:
         assert image["margin"][16, 16] <= edge * (1 + 1e-9)
+    if facing == "keep":
+        assert image["margin"][16, 17] > 1e5
+    else:
+        assert_allclose(image["margin"][16, 17], turn, rtol=1e-9)  # by the pre-filter alone
     assert (image["margin"][:, 20:] > 1e5).all()
 
 
