@@ -15,6 +15,8 @@ NUM_ITERATIONS = 6
 """Steps toward the least ellipse; any number covers the cell, more are slightly tighter."""
 MIN_DISTANCE = 1e-6
 """Neighbours nearer than this share of `reach` are at the point's own place."""
+MAX_DISTANCE = 100.0
+"""Neighbours farther than this many times `reach` have no part in the cell."""
 SURROUNDED = -2.0
 """Cotangent of the widest angle between two neighbours that the surface is sure to fill: 153 degrees."""
 MIN_FLATNESS = 0.7
@@ -78,7 +80,8 @@ def _duals(
     distance = np.sqrt(np.einsum("nki,nki->nk", offsets, offsets))
     flat = np.stack([np.einsum("nki,ni->nk", offsets, axis) for axis in frame], axis=2)
     length = np.sqrt(np.einsum("nki,nki->nk", flat, flat))
-    in_plane = (length > MIN_FLATNESS * distance) & (distance > MIN_DISTANCE * reach[:, None])
+    share = distance / np.maximum(reach, 1e-300)[:, None]
+    in_plane = (length > MIN_FLATNESS * distance) & (share > MIN_DISTANCE) & (share < MAX_DISTANCE)
     scale = np.where(in_plane, 2 * reach[:, None] / np.where(in_plane, length * distance, 1.0), 0.0)
     return (flat * scale[..., None]).astype(np.float32), distance[:, 0]
 

@@ -163,7 +163,8 @@ def _corners(vertices: Any, faces: Any, color: Any, normals: Any, per_face: bool
 
 def _floats(name: str, value: Any) -> NDArray[np.float64]:
     try:
-        return np.asarray(value, np.float64)
+        with np.errstate(invalid="ignore"):  # signalling NaN
+            return np.asarray(value, np.float64)
     except (TypeError, ValueError) as error:
         raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None
 

@@ -25,21 +25,16 @@ def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], notes:
     sRGB. Opacity has no meaning for an opaque surface and is ignored.
     """
     num_axes = 3 if "scale_2" in columns else 2
-    scale = np.stack([columns[f"scale_{i}"] for i in range(num_axes)], axis=1).astype(np.float64)
-    quaternion = np.stack([columns[f"rot_{i}"] for i in range(4)], axis=1).astype(np.float64)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        sigma = np.exp(scale)
+        sigma = np.exp(_stack(columns, "scale_", num_axes))
+        quaternion = _stack(columns, "rot_", 4)
         axes = rotation_columns(quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True))
-    order = np.argsort(-sigma, axis=1, kind="stable")[:, :2]
-    rows = np.arange(len(sigma))
-    with np.errstate(invalid="ignore", over="ignore"):
-        tangents = [
-            (NUM_SIGMA * sigma[rows, order[:, i], None] * axes[rows, order[:, i]]).astype(np.float32) for i in (0, 1)
-        ]
+        longest = np.argsort(-sigma, axis=1, kind="stable")[:, :2]
+        rows = np.arange(len(sigma))[:, None]
+        discs = (NUM_SIGMA * sigma[rows, longest, None] * axes[rows, longest]).astype(np.float32)
     color = None
     if all(f"f_dc_{i}" in columns for i in range(3)):
-        f_dc = np.stack([columns[f"f_dc_{i}"] for i in range(3)], axis=1).astype(np.float64)
-        color = srgb_to_linear(0.5 + SH_C0 * f_dc)
+        color = srgb_to_linear(0.5 + SH_C0 * _stack(columns, "f_dc_", 3))
     elif all(name in columns for name in ("red", "green", "blue")):
         color = linear_color(np.stack([columns[n] for n in ("red", "green", "blue")], axis=1), notes)
     ignored = ["opacity"] if "opacity" in columns else []
@@ -51,10 +46,15 @@ def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], notes:
         f"{kind[:-1]}, {num_axes}D Gaussians)",
         np.stack([columns[name] for name in "xyz"], axis=1),
         color=color,
-        tangents=(tangents[0], tangents[1]),
+        tangents=(discs[:, 0], discs[:, 1]),
         oriented=False,
         notes=tuple(notes),
     )
+
+
+def _stack(columns: dict[str, NDArray[Any]], prefix: str, num: int) -> NDArray[np.float64]:
+    with np.errstate(invalid="ignore"):  # signalling NaN
+        return np.stack([columns[f"{prefix}{i}"] for i in range(num)], axis=1).astype(np.float64)
 
 
 def rotation_columns(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,7 @@ def read_glb(path: Path) -> Model:
 
 def _scene(path: Path, data: bytes, kind: str, notes: list[str]) -> Any:
     trimesh = require(path, "trimesh", "mesh")
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # its tracebacks of what it then mends
     with foreign_errors(path, f"{kind.upper()} file", notes):
         return trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
 
@@ -109,12 +111,14 @@ def _model(path: Path, kind: str, scene: Any, notes: list[str]) -> Model:
 
 
 def _color(geometry: Any) -> NDArray[np.float32] | None:
-    """Return (V, 3) linear vertex colours times the material's, or None where neither is there."""
+    """Return (V, 3) linear colours of the vertices, else of the material, or None."""
     visual = geometry.visual
     factor = getattr(getattr(visual, "material", None), "baseColorFactor", None)
     color = None
     if factor is not None:
         color = np.tile(np.asarray(factor[:3], np.float32) / np.float32(255), (len(geometry.vertices), 1))
-    if getattr(visual, "kind", None) == "vertex" and getattr(visual, "defined", True):
-        color = np.asarray(visual.vertex_colors, np.float32)[:, :3] / np.float32(255)
+    if getattr(visual, "kind", None) == "vertex":
+        stored = np.asarray(visual.vertex_colors, np.float32)
+        if stored.shape == (len(geometry.vertices), 4):  # points without colours have an odd shape
+            color = stored[:, :3] / np.float32(255)
     return color

@@ -91,11 +91,11 @@ def foreign_errors(path: Path, what: str, notes: list[str]) -> Iterator[None]:
         warnings.simplefilter("ignore", DeprecationWarning)
         try:
             yield
-        except SplatclError:
+        except (SplatclError, KeyboardInterrupt, SystemExit):
             raise
         except MemoryError:
             raise FileError(f"{path}: {what} asks for more memory than there is; its counts are damaged") from None
-        except Exception as error:
+        except BaseException as error:  # a panic of lazrs is no Exception
             text = " ".join(str(error).split())[:300] or type(error).__name__
             raise FileError(f"{path}: not a readable {what} ({text})") from None
     for text in sorted({f"{what}: {' '.join(str(w.message).split())[:300]}" for w in caught}):

@@ -77,7 +77,7 @@ def read_npz(path: Path) -> Model:
     FileError
         Damaged, or arrays are missing.
     """
-    with foreign_errors(path, "NPZ file", []), np.load(path, allow_pickle=False) as archive:
+    with foreign_errors(path, "NPZ file", []), path.open("rb") as stream, np.load(stream) as archive:
         missing = [name for name in GROUPS if name not in archive]
         if missing:
             raise FileError(

@@ -31,6 +31,7 @@ def read_pcd(path: Path) -> Model:
     kind = "ascii" if ASCII.search(data[:MAX_HEADER]) else "binary"
     if kind == "ascii":  # pypcd4 splits at single blanks
         data = b"\n".join(re.sub(rb"[ \t]+", b" ", line).strip() for line in data.splitlines())
+    _check_header(path, data)
     notes: list[str] = []
     with foreign_errors(path, "PCD file", notes):
         cloud = pypcd4.PointCloud.from_fileobj(io.BytesIO(data))
@@ -57,6 +58,16 @@ def read_pcd(path: Path) -> Model:
     return Model(path, f"PCD ({kind})", _stack(columns, ("x", "y", "z")), normals, color, notes=tuple(notes))
 
 
+def _check_header(path: Path, data: bytes) -> None:
+    """Refuse counts that exceed the file's bytes, before memory is set aside for them."""
+    for found in re.finditer(rb"^(COUNT|POINTS|SIZE)[ \t]+([^\r\n]*)", data[:MAX_HEADER], re.MULTILINE):
+        numbers = [int(word) for word in found.group(2).split() if word.isdigit()]
+        if max(numbers, default=0) > len(data):
+            raise FileError(
+                f"{path}: {found.group(1).decode()} is {max(numbers)}, but the file has only {len(data)} bytes"
+            )
+
+
 def _stack(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> Any:
     if not all(name in columns for name in names):
         return None
@@ -68,4 +79,4 @@ def _unpack(path: Path, name: str, column: NDArray[Any]) -> NDArray[np.uint8]:
     if column.dtype.itemsize != 4:
         raise FileError(f"{path}: field {name} has {column.dtype.itemsize} bytes; a packed colour has 4")
     bits = np.ascontiguousarray(column).view(np.uint32)
-    return np.stack([bits >> 16, bits >> 8, bits], axis=1).astype(np.uint8)
+    return (np.stack([bits >> 16, bits >> 8, bits], axis=1) & 255).astype(np.uint8)

@@ -40,7 +40,7 @@ def read_text(path: Path) -> Model:
     if start < len(lines) and not names:
         head = _bare(lines[start]).split()
         names = _column_names([lines[start]])
-        announced = int(head[0]) if len(head) == 1 and head[0].isdigit() else None
+        announced = int(head[0]) if len(head) == 1 and head[0].isascii() and head[0].isdigit() else None
         start += bool(names) or announced is not None
     table = _table(path, lines, start)
     split = path.suffix.lower() == ".pwn" and announced and len(table) == 2 * announced and table.shape[1] == 3
@@ -155,13 +155,13 @@ def _column_names(lines: list[str]) -> list[str]:
 
 def _table(path: Path, lines: list[str], start: int) -> NDArray[np.float64]:
     """Return the (N, C) numbers of the lines from index `start` on."""
-    rows = (line for line in map(_bare, lines[start:]) if line)
+    rows = [line for line in map(_bare, lines[start:]) if line]
+    if not rows:
+        raise FileError(f"{path}: holds no points")
     try:
         table = np.loadtxt(rows, np.float64, comments=None, ndmin=2)
     except ValueError as error:
         raise FileError(_bad_line(path, lines, start) or f"{path}: not points in text ({error})") from None
-    if not len(table):
-        raise FileError(f"{path}: holds no points")
     if table.shape[1] < 3:
         raise FileError(_bad_line(path, lines, start) or f"{path}: fewer than 3 numbers per line; x y z are needed")
     return table
