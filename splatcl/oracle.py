@@ -350,9 +350,7 @@ def _disc_bounds(center: Array, t_u: Array, t_v: Array, camera: Camera) -> Array
         p = (t_z**2).sum(axis=2) - c_z**2  # < 0 where the disc stays clear of the eye plane
         q = (t_xy * t_z).sum(axis=2) - c_xy * c_z
         g_yx = t[:, :2, 0] * t[:, 2:, 1] - t[:, :2, 1] * t[:, 2:, 0]
-        root = np.sqrt(
-            np.maximum(((c_z[..., None] * t_xy - c_xy[..., None] * t_z) ** 2).sum(axis=2) - g_yx**2, 0)
-        )
+        root = np.sqrt(np.maximum(((c_z[..., None] * t_xy - c_xy[..., None] * t_z) ** 2).sum(axis=2) - g_yx**2, 0))
         clear = (c_z > 0) & (p < 0)
         with np.errstate(divide="ignore", invalid="ignore"):
             low = np.where(clear, (q + root) / p, -np.inf)
@@ -451,9 +449,7 @@ def _range_margin(z: Array, scale: Array, camera: Camera) -> Array:
         return np.minimum(z - camera.near, camera.far - z) / (UNIT * scale)
 
 
-def _prefilter(
-    projected: ProjectedSplats, camera: Camera, settings: RenderSettings, s: Array
-) -> tuple[Array, Array]:
+def _prefilter(projected: ProjectedSplats, camera: Camera, settings: RenderSettings, s: Array) -> tuple[Array, Array]:
     """(P, N) r2^2 = |p - p_c|^2 / prefilter_radius^2, +inf for no pre-filter; its signed margin."""
     radius = settings.prefilter_radius
     p = _raster(s, camera)
