@@ -114,3 +114,27 @@ SHADED_DOUBLE = 1e-13
 
 SPECULAR_EDGE = 1e-5
 """|N.L| below which Phong's highlight may be on or off: R.V does not fade there."""
+
+# ---- closed forms on the device
+
+DEPTH_BY_HAND = 3e-7
+"""A plane's depth at a pixel: the few float32 roundings of one intersection."""
+
+WEIGHT_BY_HAND = 2e-7
+"""The kernels' own exponential: about one unit in the last place, and r^2 exact."""
+
+CONSTANT_COLOR_ULPS = 8.0
+"""Resolved constant colour: the rounding errors of two sums of about fifty terms do not cancel (seen: 6)."""
+
+# ---- invariants
+
+PERMUTED = 1e-5
+"""Sums of up to a hundred positive terms in another order, relative."""
+
+# ---- real scans
+
+MASKED_SCAN = 0.001
+"""Largest share of covered pixels that a scan's comparison may leave out (the project's own target)."""
+
+NORMAL_LENGTH = 1.0
+"""Blended normals are about as long as their weight on a scan's surface, so that normalising adds no error."""
