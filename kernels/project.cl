@@ -10,6 +10,7 @@
 #define SLACK_SIZE R(3.8147e-6)
 #define SLACK_TILT R(9.5367e-7)
 #define EDGE_ON R(1.52587890625e-5)  // |cos(tilt)| at or below which a splat is edge-on (docs/specification.md)
+#define CLEAR R(1e-4)                // a disc whose least z is below this share of its centre's has no finite bounds
 #define NOWHERE R(1e9)               // a pre-filter centre that no pixel is near
 
 #define KEEP 0
@@ -187,7 +188,7 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   extent ex = {(reals)R(0.0), sqrt(tu.x * tu.x + tv.x * tv.x) * view->fx_hi};
   extent ey = {(reals)R(0.0), sqrt(tu.y * tu.y + tv.y * tv.y) * view->fy_hi};
 #else
-  masks exact = ~straddles & MASK(c.z - reach > c.z * R(1e-4));
+  masks exact = ~straddles & MASK(c.z - reach > c.z * CLEAR);
   reals w = (c.z - reach) * (c.z + reach);
   extent ex = perspective_extent(c.x / c.z, tu.x, tv.x, tu.z, tv.z, w, view->fx_hi);
   extent ey = perspective_extent(c.y / c.z, tu.y, tv.y, tu.z, tv.z, w, view->fy_hi);
@@ -211,8 +212,9 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   reals y_high = SELECT(-NOWHERE, ey.middle + ey.reach + slack, hittable);
 
   // The pre-filter's disc around the projected centre, or around the centre of those bounds.
-  masks filtered = MASK(c.z >= view->near) & MASK(c.z <= view->far) & (masks)(view->prefilter ? -1 : 0);
-  masks at_bounds = exact & (masks)(view->prefilter_at_bounds ? -1 : 0);
+  masks at_bounds = (masks)(view->prefilter_at_bounds ? -1 : 0);
+  masks filtered = MASK(c.z >= view->near) & MASK(c.z <= view->far) & (exact | ~at_bounds);
+  filtered = filtered & (masks)(view->prefilter ? -1 : 0);
   s.prefilter_x = SELECT(R(0.0), ex.middle, at_bounds);
   s.prefilter_y = SELECT(R(0.0), ey.middle, at_bounds);
   reals radius = SELECT(-R(2.0) * NOWHERE, (reals)(view->prefilter_radius + SLACK_PIXELS), filtered);

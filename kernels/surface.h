@@ -19,16 +19,15 @@ static inline Surface resolve_surface(constant View *view, int x, int y, real de
                                       reals3 normal_sum, real depth_sum)
 {
   Surface s = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, R(-1.0)}, (real)INFINITY, (real)INFINITY, weight_sum > R(0.0)};
-  if (!s.covered) return s;
-  const reals3 d = {ray_x(view, x), ray_y(view, y), R(1.0)};
-  s.mean_depth = depth_sum / weight_sum;
+  if (s.covered) s.mean_depth = depth_sum / weight_sum;
   const real z = depth < (real)INFINITY ? depth : s.mean_depth;  // no disc was hit, only the pre-filter landed
+  const reals3 d = {ray_x(view, x), ray_y(view, y), R(1.0)};
+  s.distance = ORTHOGRAPHIC ? z : sqrt(dot3(d, d)) * z;
+  if (!s.covered) return s;
 #if ORTHOGRAPHIC
   s.position = (reals3){d.x, d.y, z};
-  s.distance = z;
 #else
   s.position = scale3(d, z);
-  s.distance = sqrt(dot3(d, d)) * z;
   s.to_eye = normalize3(scale3(d, R(-1.0)));
 #endif
   s.albedo = (reals3){color_sum.x / weight_sum, color_sum.y / weight_sum, color_sum.z / weight_sum};

@@ -48,6 +48,8 @@ OFFSET_ERROR = 2.0
 """Error of a pixel's offset from a projected centre, 2^-24 pixels."""
 TINY = np.finfo(np.float64).tiny
 """Least scale, so that an exact tie has margin 0 even at z = 0."""
+CLEAR = 1e-4
+"""Bounds are infinite for a disc whose least z is not above this share of its centre's."""
 NO_SPLAT = np.uint32(0xFFFFFFFF)
 NOTHING = (np.inf, np.inf, -np.inf, -np.inf)
 """Bounds that cover nothing."""
@@ -336,7 +338,7 @@ def _cosine(center: Array, t_u: Array, t_v: Array, camera: Camera) -> tuple[Arra
 
 
 def _disc_bounds(center: Array, t_u: Array, t_v: Array, camera: Camera) -> Array:
-    """(N, 4) bounds of the whole discs' projections, pixels; infinite where a disc reaches the eye plane.
+    """(N, 4) bounds of the whole discs' projections, pixels; infinite where one is not clear of the eye plane.
 
     With t_x = (t_u,x, t_v,x) and t_z alike, the plane x = s z touches the disc where
     |t_x - s t_z|^2 = (c_x - s c_z)^2, a quadratic in s; the same for y.
@@ -351,7 +353,7 @@ def _disc_bounds(center: Array, t_u: Array, t_v: Array, camera: Camera) -> Array
         q = (t_xy * t_z).sum(axis=2) - c_xy * c_z
         g_yx = t[:, :2, 0] * t[:, 2:, 1] - t[:, :2, 1] * t[:, 2:, 0]
         root = np.sqrt(np.maximum(((c_z[..., None] * t_xy - c_xy[..., None] * t_z) ** 2).sum(axis=2) - g_yx**2, 0))
-        clear = (c_z > 0) & (p < 0)
+        clear = c_z - np.linalg.norm(t_z, axis=2) > CLEAR * c_z
         with np.errstate(divide="ignore", invalid="ignore"):
             low = np.where(clear, (q + root) / p, -np.inf)
             high = np.where(clear, (q - root) / p, np.inf)

@@ -123,6 +123,8 @@ class Splats:
     def take(self, ids: ArrayLike) -> Splats:
         """Return the splats at `ids` (indices, a mask or a slice), in that order."""
         key: Any = ids if isinstance(ids, slice) else np.asarray(ids)
+        if not isinstance(key, slice) and not key.size:
+            key = key.astype(np.intp)
         fields = ("center", "tangent_u", "tangent_v", "color")
         return replace(self, **{name: getattr(self, name)[key] for name in fields}, on_invalid="error")
 
