@@ -1,0 +1,305 @@
+"""Bad files are one clear line: it begins with the path, names the place, and never is another library's error."""
+
+import struct
+import sys
+import time
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import splatcl.io
+from splatcl.errors import FileError, InvalidSplatsError, SettingsError, SplatclError
+from splatcl.splats import Splats
+
+PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+FACE = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+XYZ = "0 0 0\n1 0 0\n0 1 0\n"
+PCD = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {0}\nHEIGHT 1\n"
+PCD += "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS {0}\nDATA ascii\n" + XYZ
+PTX = "1\n{}\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 0 0 0.5\n0 1 0 0.5\n"
+RAW = struct.pack("<I9f", 3, *range(9)) + struct.pack("<4I", 1, 0, 1, 2)
+SOLID = "solid\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendfacet\nendsolid\n"
+STL = b"binary".ljust(80) + struct.pack("<I12fH", 1, *range(12), 0)
+
+BAD = [
+    ("a.ply", b"", "is empty"),
+    ("a.xyz", b"", "is empty"),
+    ("a.e57", b"ASTM-E57", "unknown file type .e57; known are "),
+    ("a", b"hello", "unknown file type without an extension"),
+    # PLY
+    ("a.ply", b"hello", "the PLY header has no end_header line"),
+    ("a.ply", PLY[:60], "the PLY header has no end_header line"),
+    ("a.ply", PLY + "end_header\n" + XYZ[:12], "element 'vertex': row 2: early end-of-file"),
+    ("a.ply", PLY + "end_header\n" + "0 0 0\n1 zero 0\n0 1 0\n", "element 'vertex': row 1: property 'y': malformed"),
+    ("a.ply", PLY.replace("vertex 3", "vertex 99999999999") + "end_header\n", "line 3 announces 99999999999 rows"),
+    ("a.ply", PLY.replace("vertex 3", "vertex 0") + "end_header\n", "holds no points"),
+    ("a.ply", PLY.replace("float z", "float w") + "end_header\n" + XYZ, "no element has properties x y z"),
+    ("a.ply", PLY.replace("float z", "quad z") + "end_header\n" + XYZ, "not a readable PLY file"),
+    ("a.ply", PLY.replace("ascii", "binary_little_endian") + "end_header\n" + "x" * 30, "row 2: early end-of-file"),
+    ("a.ply", PLY + FACE + XYZ + "3 0 1 3\n", "face 0 refers to vertices 0, 1, 3, but there are 3"),
+    ("a.ply", PLY + FACE + XYZ + "3 0 1 -1\n", "face 0 refers to vertices 0, 1, -1"),
+    ("a.ply", PLY + FACE + XYZ + "3 0 1\n", "element 'face': row 0"),
+    ("a.ply", PLY + FACE.replace("vertex_indices", "corners") + XYZ + "3 0 1 2\n", "no list vertex_indices"),
+    # text
+    ("a.xyz", "0 0 0\n1 one 0\n", "line 2: 'one' is not a number"),
+    ("a.xyz", "0 0 0\n1 0\n", "line 2 has 2 numbers; a point needs x y z"),
+    ("a.xyz", "# c\n0 0 0\n\n1 0 0 0\n", "line 4 has 4 numbers but the lines before have 3"),
+    ("a.xyz", "0 0 0 0 0\n", "5 numbers per line"),
+    ("a.xyz", "# nothing\n", "holds no points"),
+    ("a.xyz", b"0 0 0\n\0\n", "byte 6 is zero"),
+    ("a.csv", "x,y,z,nx\n0,0,0\n", "4 columns are named but line 2 has 3 numbers"),
+    ("a.pts", "5\n" + XYZ, "line 1 announces 5 points but 3 follow"),
+    ("a.pts", "# c\n2\n" + XYZ, "line 2 announces 2 points but 3 follow"),
+    ("a.ptx", PTX.format(3), "line 1 announces 3 points but 2 lines follow line 10"),
+    ("a.ptx", PTX.format("two"), "line 1 does not begin a PTX scan"),
+    ("a.ptx", PTX.format(2) + "junk\n", "line 13 does not begin a PTX scan"),
+    ("a.ptx", PTX.format(2).replace("0 1 0 0.5", "0 1 O 0.5"), "line 12: 'O' is not a number"),
+    # PCD
+    ("a.pcd", PCD.format(4), "POINTS 4, but 3 points are there"),
+    ("a.pcd", PCD.format(99999), "POINTS is 99999, but the file has only"),
+    ("a.pcd", PCD.format(3).replace("x y z", "x y w"), "has no field z; its FIELDS are x y w"),
+    ("a.pcd", PCD.format(3).replace("1 0 0\n0", "1 o 0\n0"), "not a readable PCD file"),
+    ("a.pcd", "garbage", "not a readable PCD file"),
+    # OBJ, OFF, STL, GLB, RAW
+    ("a.obj", "v 0 0 0\nv 1 o 0\n", "line 2: could not convert string to float: 'o'"),
+    ("a.obj", "v 0 0 0\nv 1 0\n", "line 2: 'v' has 2 numbers"),
+    ("a.obj", "v 0 0 0\nf 1 2 3\n", "face 0 refers to vertices 0, 1, 2, but there are 1"),
+    ("a.obj", "v 0 0 0\nf 0 1 1\n", "line 2 refers to a vertex before the first"),
+    ("a.obj", "v 0 0 0\nf -2 1 1\n", "line 2 refers to a vertex before the first"),
+    ("a.obj", "v 0 0 0\nf a b c\n", "line 2: invalid literal"),
+    ("a.obj", "v 0 0 0\nv 1 0 0 1 1 1\n", "some vertices have colours and some have not"),
+    ("a.obj", "hello\n", "holds no points"),
+    ("a.off", "5 3 0\n" + XYZ, "begins with '5', not with one of OFF"),
+    ("a.off", "OFF\n", "line 1 must hold the numbers of vertices"),
+    ("a.off", "OFF\n3 many 0\n" + XYZ, "line 2 must hold the numbers of vertices"),
+    ("a.off", "OFF\n3 1 0\n" + XYZ, "announces 3 vertices and 1 faces but 3 lines follow"),
+    ("a.off", "OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "line 4 has 2 numbers"),
+    ("a.off", "OFF\n3 1 0\n" + XYZ + "4 0 1 2\n", "line 6 announces a face of 4 corners but has 3"),
+    ("a.off", "OFF\n3 1 0\n" + XYZ + "3 0 1 7\n", "face 0 refers to vertices 0, 1, 7"),
+    ("a.stl", STL[:-1], "byte 80 announces 1 triangles, which take 134 bytes, but the file has 133"),
+    ("a.stl", SOLID + SOLID[:30], "has 4 vertex lines but 1 whole triangles"),
+    ("a.glb", b"glTF" + bytes(30), "not a readable GLB file"),
+    ("a.raw", RAW[:-1], "byte 40 announces 1 faces, but the file ends at byte 55"),
+    ("a.raw", RAW + b"x", "1 bytes follow its faces at byte 56"),
+    ("a.raw", RAW[:-4] + b"\3\0\0\0", "face 0 refers to vertices 0, 1, 3"),
+    ("a.raw", b"\xff\xff\xff\xff", "byte 0 announces 4294967295 vertices"),
+    # LAS, NPZ
+    ("a.las", b"LASF", "does not begin with a LAS header"),
+    ("a.laz", b"hello" * 100, "does not begin with a LAS header"),
+    ("a.npz", b"PK\3\4 and so on", "not a readable NPZ file"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "data", "message"), BAD)
+def test_bad_file_is_one_line_that_names_path_and_place(tmp_path, name, data, message):
+    path = tmp_path / name
+    path.write_bytes(data if isinstance(data, bytes) else data.encode())
+    with pytest.raises(FileError) as caught:
+        splatcl.io.read(path)
+    text = str(caught.value)
+    assert text.startswith(f"{path}: ")
+    assert message in text
+    assert "\n" not in text
+    with pytest.raises(FileError):
+        splatcl.io.inspect(path)
+
+
+def test_missing_file_and_directory(tmp_path):
+    with pytest.raises(FileError, match=r"none\.ply: No such file"):
+        splatcl.io.read(tmp_path / "none.ply")
+    with pytest.raises(FileError, match="is a directory; give a file in it"):
+        splatcl.io.read(tmp_path)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400", "1e16"])
+@pytest.mark.parametrize("name", ["a.xyz", "a.obj", "a.off"])
+def test_unusable_coordinates_are_counted_or_dropped(tmp_path, name, number):
+    lines = ["0 0 0", f"1 {number} 0", "0 1 0", "1 1 0"]
+    text = {"a.xyz": "{}\n", "a.obj": "v {}\n", "a.off": "{}\n"}[name]
+    head = "OFF 4 0 0\n" if name == "a.off" else ""
+    path = tmp_path / name
+    path.write_text(head + "".join(text.format(line) for line in lines))
+    with pytest.raises(InvalidSplatsError) as caught:
+        splatcl.io.read(path)
+    assert str(caught.value).startswith(f"{path}: 1 of 4 points (1 with a ")
+    assert "the first is point 1); drop them with on_invalid='drop'" in str(caught.value)
+    splats = splatcl.io.read(path, on_invalid="drop")
+    assert (len(splats), splats.num_dropped) == (3, 1)
+    assert any(note.startswith("dropped 1 of 4 points") for note in splats.notes)
+
+
+def test_mesh_with_unusable_corners(tmp_path):
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan inf -Inf\nf 1 2 3\nf 2 4 3\n")
+    with pytest.raises(InvalidSplatsError, match=r"a\.obj: 1 of 2 triangles .* face 1"):
+        splatcl.io.read(path)
+    assert splatcl.io.read(path, on_invalid="drop").num_dropped == 1
+    assert splatcl.io.inspect(path).skipped == ((1, "triangles with a non-finite or huge number"),)
+
+
+def test_all_unusable_is_an_error_even_when_dropping(tmp_path):
+    (tmp_path / "a.xyz").write_text("nan 0 0\n")
+    with pytest.raises(InvalidSplatsError, match="no usable point is left"):
+        splatcl.io.read(tmp_path / "a.xyz", on_invalid="drop")
+
+
+def test_unknown_on_invalid(tmp_path):
+    with pytest.raises(SettingsError, match="neither 'error' nor 'drop'"):
+        splatcl.io.read(tmp_path / "a.ply", on_invalid="ignore")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "extra"), [("a.stl", "trimesh", "mesh"), ("a.las", "laspy", "las"), ("a.pcd", "pypcd4", "pcd")]
+)
+def test_missing_library_is_named_with_its_remedy(tmp_path, monkeypatch, name, module, extra):
+    monkeypatch.setitem(sys.modules, module, None)
+    (tmp_path / name).write_bytes(STL)
+    kind = name[2:].upper()
+    with pytest.raises(FileError) as caught:
+        splatcl.io.read(tmp_path / name)
+    assert str(caught.value).endswith(f"reading {kind} needs {module}: pip install 'splatcl[{extra}]'")
+
+
+def test_glb_that_needs_an_unknown_extension(tmp_path):
+    header = b'{"asset":{"version":"2.0"},"extensionsRequired":["KHR_draco_mesh_compression"]} '
+    data = b"glTF" + struct.pack("<III", 2, 20 + len(header), len(header)) + b"JSON" + header
+    (tmp_path / "a.glb").write_bytes(data)
+    with pytest.raises(FileError, match="needs the glTF extension KHR_draco_mesh_compression"):
+        splatcl.io.read(tmp_path / "a.glb")
+
+
+def one_splat():
+    return Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
+
+
+@pytest.mark.parametrize("name", ["a.obj", "a", "none/a.ply"])
+def test_splats_are_not_written_elsewhere(tmp_path, name):
+    with pytest.raises(FileError, match=r"\.ply or \.npz|No such file"):
+        splatcl.io.write(one_splat(), tmp_path / name)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.npz"
+    splatcl.io.write(one_splat(), path)
+    before = path.read_bytes()
+
+    def fail(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", fail)
+    with pytest.raises(FileError, match=r"cannot be written .No space left on device"):
+        splatcl.io.write(one_splat(), path)
+    assert path.read_bytes() == before
+    assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
+
+
+def test_damaged_native_files(tmp_path):
+    np.savez(tmp_path / "a.npz", center=np.zeros((2, 3)))
+    with pytest.raises(FileError, match=r"has no array tangent_u"):
+        splatcl.io.read(tmp_path / "a.npz")
+    arrays = {name: np.ones((2, 3)) for name in ("center", "tangent_u", "tangent_v", "color")}
+    np.savez(tmp_path / "a.npz", **{**arrays, "color": np.ones((1, 3))})
+    with pytest.raises(FileError, match="array color has 1 rows but center has 2"):
+        splatcl.io.read(tmp_path / "a.npz")
+    np.savez(tmp_path / "a.npz", **arrays)
+    with pytest.raises(InvalidSplatsError, match=r"2 of 2 splats .2 with"):
+        splatcl.io.read(tmp_path / "a.npz")
+    splatcl.io.write(one_splat(), tmp_path / "a.ply")
+    data = (tmp_path / "a.ply").read_bytes().replace(b'"oriented": true', b'"oriented":,true')
+    (tmp_path / "a.ply").write_bytes(data)
+    with pytest.raises(FileError, match="the splatcl comment in its header is damaged"):
+        splatcl.io.read(tmp_path / "a.ply")
+
+
+def laz_bytes(folder, name="a.laz"):
+    import laspy
+
+    survey = laspy.LasData(laspy.LasHeader(version="1.2", point_format=3))
+    survey.x, survey.y, survey.z = np.random.default_rng(1).random((3, 20))
+    survey.write(folder / name)
+    return (folder / name).read_bytes()
+
+
+@pytest.mark.parametrize("name", ["a.las", "a.laz"])
+@pytest.mark.parametrize("place", [96, 100, 105, 107])
+def test_damaged_counts_of_a_survey_are_refused_at_once(tmp_path, name, place):
+    data = bytearray(laz_bytes(tmp_path, name))
+    data[place : place + 4] = b"\xff\xff\xff\xff"
+    (tmp_path / name).write_bytes(data)
+    start = time.perf_counter()
+    with pytest.raises(FileError, match=r"byte (96|105)|not a readable LAZ"):
+        splatcl.io.read(tmp_path / name)
+    assert time.perf_counter() - start < 5
+
+
+def test_damaged_chunk_table_of_a_laz_is_refused(tmp_path):
+    data = bytearray(laz_bytes(tmp_path))
+    table = struct.unpack_from("<q", data, struct.unpack_from("<I", data, 96)[0])[0]
+    data[table + 4 : table + 8] = b"\xff\xff\xff\xff"  # lazrs aborts the whole process at this
+    (tmp_path / "a.laz").write_bytes(data)
+    with pytest.raises(FileError, match="damaged or was cut"):
+        splatcl.io.read(tmp_path / "a.laz")
+
+
+@pytest.fixture(scope="module")
+def small_files(tmp_path_factory):
+    """Return (folder, {name: bytes}) of one small good file of each kind."""
+    from pypcd4 import Encoding, PointCloud
+
+    folder = tmp_path_factory.mktemp("fuzz")
+    points = np.random.default_rng(2).random((8, 3)).astype(np.float32)
+    files = {
+        "a.xyz": ("0.5 2 3\n" * 3 + XYZ).encode(),
+        "a.pts": ("3\n" + XYZ.replace("\n", " 7 10 20 255\n")).encode(),
+        "a.ptx": PTX.format(2).encode(),
+        "ascii.ply": (PLY + FACE + XYZ + "3 0 1 2\n").encode(),
+        "binary.ply": (PLY.replace("ascii", "binary_big_endian") + FACE).encode()
+        + struct.pack(">9fB3i", 0, 0, 0, 1, 0, 0, 0, 1, 0, 3, 0, 1, 2),
+        "ascii.pcd": PCD.format(3).encode(),
+        "a.obj": ("v " + XYZ.replace("\n", "\nv ", 2) + "f 1 2 3\n").encode(),
+        "a.off": ("COFF\n3 1 0\n" + XYZ.replace("\n", " 9 99 255\n") + "3 0 1 2\n").encode(),
+        "a.stl": STL,
+        "a.raw": RAW,
+        "a.laz": laz_bytes(folder),
+        "a.las": laz_bytes(folder, "a.las"),
+    }
+    for encoding in (Encoding.BINARY, Encoding.BINARY_COMPRESSED):
+        PointCloud.from_xyz_points(points).save(folder / "p.pcd", encoding)
+        files[f"{encoding.value}.pcd"] = (folder / "p.pcd").read_bytes()
+    for name in ("native.ply", "native.npz"):
+        splatcl.io.write(one_splat(), folder / name)
+        files[name] = (folder / name).read_bytes()
+    return folder, files
+
+
+EDIT = st.tuples(
+    st.integers(0, 2000),
+    st.sampled_from(["set", "insert", "delete", "cut"]),
+    st.one_of(st.binary(min_size=1, max_size=4), st.sampled_from([b"-1", b"nan", b"\n", b" ", b"9" * 12, b"\xff" * 4])),
+)
+
+
+@settings(
+    max_examples=400, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data(), edits=st.lists(EDIT, min_size=1, max_size=4))
+def test_damaged_bytes_give_splats_or_a_clear_error(small_files, data, edits):
+    folder, files = small_files
+    name = data.draw(st.sampled_from(sorted(files)))
+    content = bytearray(files[name])
+    for place, kind, new in edits:
+        place %= len(content) + 1
+        end = {"set": place + len(new), "insert": place, "delete": place + len(new), "cut": len(content)}[kind]
+        content[place:end] = new if kind in ("set", "insert") else b""
+    path = folder / f"damaged_{name}"
+    path.write_bytes(content)
+    start = time.perf_counter()
+    try:
+        assert isinstance(splatcl.io.read(path, data.draw(st.sampled_from(["error", "drop"]))), Splats)
+    except SplatclError as error:
+        assert str(error).startswith(f"{path}: ")
+        assert "\n" not in str(error)
+    assert time.perf_counter() - start < 10
