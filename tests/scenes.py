@@ -11,7 +11,7 @@ import numpy as np
 from splatcl import Camera, Splats
 
 EYE = np.array([0.0, 0.0, 3.0])
-SIZE = {"width": 61, "height": 47}
+SIZE = {"width": 49, "height": 37}
 """No multiple of any tile or block; the oracle does a scene in about a tenth of a second."""
 EPSILON = 0.03125
 
@@ -83,7 +83,7 @@ def giant(seed=0, num=60):
     return make(rng, rng.uniform(-3, 3, (num, 3)), u, v)
 
 
-def sub_pixel(seed=0, num=1000):
+def sub_pixel(seed=0, num=500):
     """Discs of 1e-7 to 0.2 pixels in diameter: only the pre-filter keeps them."""
     rng = np.random.default_rng(seed)
     u, v = frames(rng.normal(size=(num, 3)))

@@ -52,6 +52,15 @@ def test_every_kernel_with_every_prefilter(device, kernel, prefilter, precision)
         check(device, "random_ellipses", camera_name, settings)
 
 
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("scene_name", ["near_plane", "giant", "thin", "sub_pixel", "layers"])
+def test_the_prefilter_about_the_bounds(device, scene_name, precision):
+    """Discs through the eye plane have no bounds to be centred in, and so no pre-filter."""
+    settings = RenderSettings(epsilon=EPSILON, precision=precision, **PREFILTERS["bounds"])
+    for camera_name in ("close", "off_center", "orthographic"):
+        check(device, scene_name, camera_name, settings)
+
+
 @pytest.mark.parametrize("prefilter", PREFILTERS)
 def test_a_nearest_table(device, prefilter):
     """A weight there jumps where r crosses half a sample, which the oracle's margin does not know of."""
