@@ -152,7 +152,7 @@ def test_points_along_a_line_touch():
 
 def test_sheets_closer_than_the_spacing_are_both_covered():
     sheet = grid(30, 30, jitter=0.2)
-    other = np.add(sheet, (0, 0, 0.2))
+    other = np.add(sheet, (0.05, 0.02, 0.2))
     normals = np.repeat([[0, 0, -1.0], [0, 0, 1.0]], 900, axis=0)
     splats = splats_from_points(np.vstack([sheet, other]), normals)
     assert num_covering(splats.take(slice(0, 900)), *inside_grid(30, 30)).min() >= 1
