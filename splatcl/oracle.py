@@ -167,7 +167,7 @@ def visibility(projected: ProjectedSplats, camera: Camera, settings: RenderSetti
     particleid = np.full(num_pixels, NO_SPLAT)
     discs = _discs(projected, camera)
     for pixels, s in _chunks(camera, len(projected.center_eye)):
-        hits = _intersect(discs, camera, s)
+        hits = _intersect(discs, camera, s[:, None])
         z = np.where(hits.r_squared <= 1, hits.z, np.inf)
         front = z.argmin(axis=1, keepdims=True)
         nearest = np.take_along_axis(z, front, axis=1)
@@ -203,8 +203,8 @@ def attributes(
     z_center = projected.center_eye[:, 2]
     values = np.column_stack([np.ones(len(color)), color.astype(np.float64), projected.normal_eye])
     for pixels, s in _chunks(camera, len(z_center)):
-        hits = _intersect(discs, camera, s)
-        r2_squared, prefilter_margin = _prefilter(projected, camera, settings, s)
+        hits = _intersect(discs, camera, s[:, None])
+        r2_squared, prefilter_margin = _prefilter(projected, camera, settings, s[:, None])
         r_squared = np.minimum(hits.r_squared, r2_squared)
         hit = hits.r_squared <= 1
         exists = r_squared <= 1
@@ -223,7 +223,9 @@ def attributes(
 
         prefilter_margin = np.where(hit, np.inf, np.abs(prefilter_margin))
         front = depth.particleid.reshape(-1, 1)[pixels]
-        depth_margin = np.where(exists, _depth_margin(limit - z, scale_z, front, tolerance), np.inf)
+        front_scale_z = np.take_along_axis(scale_z, np.where(front == NO_SPLAT, 0, front).astype(np.int64), axis=1)
+        depth_margin = _depth_margin(limit - z, scale_z, front_scale_z, front == np.arange(len(color)), tolerance)
+        depth_margin = np.where(exists, depth_margin, np.inf)
         margins = np.minimum(np.minimum(np.abs(hits.margin), prefilter_margin), depth_margin)
         margin[pixels] = margins.min(axis=1)
     columns = (sums[:, 0], sums[:, 1:4], sums[:, 4:7], sums[:, 7], count, margin)
@@ -387,14 +389,18 @@ class _Discs:
     kappa: Array  # (N,)
     usable: Array  # (N,) bool: neither edge-on nor culled
     usable_margin: Array  # (N,) signed
+    offset_error: float = OFFSET_ERROR  # of a pixel's offset from the projected centre, 2^-24 pixels
 
 
 @dataclass(frozen=True, eq=False)
 class _Hits:
-    r_squared: Array  # (P, N) r3^2; +inf where the disc is missed or z is out of range
-    z: Array  # (P, N) meaningful where r_squared <= 1
-    scale_z: Array  # (P, N)
-    margin: Array  # (P, N) signed
+    """Arrays are (P, N), or (N,) for one pixel each."""
+
+    r_squared: Array  # r3^2; +inf where the disc is missed or z is out of range
+    z: Array  # meaningful where r_squared <= 1
+    scale_z: Array
+    scale_r: Array  # of den - |(A.s, B.s)|, over den: of r3
+    margin: Array  # signed
 
 
 def _discs(projected: ProjectedSplats, camera: Camera) -> _Discs:
@@ -425,16 +431,17 @@ def _discs(projected: ProjectedSplats, camera: Camera) -> _Discs:
 
 
 def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
-    """Intersect the rays of (P,) pixels with (N,) discs."""
+    """Intersect pixels' rays with discs; `s` is (P, 1, 3) for all (N,) discs each, or (N, 3) for one each."""
+    s_x, s_y = s[..., 0], s[..., 1]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        u, v, z, d = (s[:, :1] * x + s[:, 1:2] * y + s[:, 2:] * one for x, y, one in discs.forms)  # (P, N)
+        u, v, z, d = (s_x * x + s_y * y + one for x, y, one in discs.forms)
         size = np.sqrt(u**2 + v**2)
         z /= d
         hit = discs.usable & (d > 0) & (z >= camera.near) & (z <= camera.far)
         r_squared = np.where(hit, (size / d) ** 2, np.inf)
 
-        e_x = np.abs(s[:, :1] - discs.s_center[:, 0]) + OFFSET_ERROR * UNIT / camera.fx
-        e_y = np.abs(s[:, 1:2] - discs.s_center[:, 1]) + OFFSET_ERROR * UNIT / camera.fy
+        e_x = np.abs(s_x - discs.s_center[:, 0]) + discs.offset_error * UNIT / camera.fx
+        e_y = np.abs(s_y - discs.s_center[:, 1]) + discs.offset_error * UNIT / camera.fy
         u_abs, v_abs, z_abs, d_abs = np.abs(discs.forms)
         uvd_abs, steep = u_abs + v_abs + d_abs, 1 + discs.kappa
         scale_r = uvd_abs[0] * e_x + uvd_abs[1] * e_y + steep * discs.d_center
@@ -442,7 +449,8 @@ def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
         error_z = steep * (z_abs[0] * e_x + z_abs[1] * e_y)
         scale_z = (np.abs(z) * error_d + error_z) / np.abs(d) + TINY
         margin = np.fmin((d - size) / (UNIT * scale_r), _range_margin(z, scale_z, camera))
-    return _Hits(r_squared, z, scale_z, np.fmin(margin, discs.usable_margin))
+        scale_r /= np.abs(d)
+    return _Hits(r_squared, z, scale_z, scale_r, np.fmin(margin, discs.usable_margin))
 
 
 def _range_margin(z: Array, scale: Array, camera: Camera) -> Array:
@@ -452,26 +460,23 @@ def _range_margin(z: Array, scale: Array, camera: Camera) -> Array:
 
 
 def _prefilter(projected: ProjectedSplats, camera: Camera, settings: RenderSettings, s: Array) -> tuple[Array, Array]:
-    """(P, N) r2^2 = |p - p_c|^2 / prefilter_radius^2, +inf for no pre-filter; its signed margin."""
+    """r2^2 = |p - p_c|^2 / prefilter_radius^2, +inf for no pre-filter; its signed margin. `s` as for `_intersect`."""
     radius = settings.prefilter_radius
     p = _raster(s, camera)
     x, y = projected.prefilter_point.T
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
-        r_squared = ((p[:, :1] - x) ** 2 + (p[:, 1:] - y) ** 2) / radius**2
+        r_squared = ((p[..., 0] - x) ** 2 + (p[..., 1] - y) ** 2) / radius**2
         scale = 2 * r_squared + 4 * np.sqrt(r_squared) * projected.prefilter_error / radius
         margin = np.fmin((1 - r_squared) / (UNIT * scale), projected.facing_margin)
     present = (projected.prefilter_margin >= 0) & ~projected.culled
     return np.where(present, r_squared, np.inf), np.fmin(margin, projected.prefilter_margin)
 
 
-def _depth_margin(slack: Array, scale_z: Array, front: Array, tolerance: Array) -> Array:
-    """(P, N) margin of z <= depth + epsilon, +inf for the front-most splat, of index `front` (P, 1)."""
-    known = np.where(front == NO_SPLAT, 0, front).astype(np.int64)
-    scale = scale_z + np.take_along_axis(scale_z, known, axis=1) + tolerance
+def _depth_margin(slack: Array, scale_z: Array, front_scale_z: Array, is_front: Array, tolerance: Array) -> Array:
+    """Margin of z <= depth + epsilon, +inf for the front-most splat itself and where no disc was hit."""
     with np.errstate(invalid="ignore", over="ignore"):
-        margin = np.abs(slack) / (UNIT * scale)
-    margin[(front == np.arange(scale_z.shape[1])) | (slack == np.inf)] = np.inf
-    return margin
+        margin = np.abs(slack) / (UNIT * (scale_z + front_scale_z + tolerance))
+    return np.where(is_front | (slack == np.inf), np.inf, margin)
 
 
 def _weight(r_squared: Array, settings: RenderSettings) -> Array:

@@ -39,7 +39,7 @@ def expected(scene_name, camera_name, settings, seed=0):
     projected = oracle.project(splats, camera, settings)
     depth = oracle.visibility(projected, camera, settings)
     gbuffer = oracle.attributes(projected, depth, camera, settings, settings.epsilon, splats.color)
-    hits = oracle._intersect(oracle._discs(projected, camera), camera, oracle._rays(camera))
+    hits = oracle._intersect(oracle._discs(projected, camera), camera, oracle._rays(camera)[:, None])
     front = np.where(depth.particleid == oracle.NO_SPLAT, 0, depth.particleid).astype(np.int64)
     scale = np.take_along_axis(hits.scale_z, front.reshape(-1, 1), axis=1).reshape(front.shape)
     return SimpleNamespace(projected=projected, depth=depth, gbuffer=gbuffer, depth_scale=scale)
