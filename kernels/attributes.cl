@@ -4,58 +4,8 @@
 #include "arithmetic.h"
 #include "ray.h"
 #include "splat.h"
+#include "fragment.h"
 #include "weight.h"
-
-typedef struct {
-  reals weight, red, green, blue, normal_x, normal_y, normal_z, z;
-  uints count;
-} sums;
-
-typedef struct {
-  reals r2, z;
-  masks exists;
-} fragment;
-
-// r^2 = min(r3^2, r2^2); where only the pre-filter accepts, the depth is the centre's.
-static inline fragment filter(const ProjectedSplat *s, const SplatAttributes *a, const hit *h, real near, real far,
-                              real inverse_radius2)
-{
-  fragment f;
-  const reals inverse_den = R(1.0) / h->den;
-  f.z = hit_depth(s, h, inverse_den);
-  f.exists = h->inside & MASK(f.z >= near) & MASK(f.z <= far);
-  f.r2 = at_most(h->numerator * (inverse_den * inverse_den), R(1.0));
-#if PREFILTER
-  const reals x = h->dx - a->prefilter_x, y = h->dy - a->prefilter_y;
-  const reals screen_r2 = (x * x + y * y) * inverse_radius2;
-  f.r2 = SELECT(screen_r2, f.r2, f.exists & MASK(f.r2 < screen_r2));
-  f.z = SELECT(s->z, f.z, f.exists);
-  f.exists |= MASK(screen_r2 <= R(1.0));
-#endif
-  return f;
-}
-
-static inline void accumulate(sums *t, const SplatAttributes *a, const fragment *f, masks accepted, reals weight)
-{
-  weight = SELECT(R(0.0), weight, accepted);  // adding zero leaves a sum's bits as they are
-  t->weight += weight;
-  t->red += weight * a->red;
-  t->green += weight * a->green;
-  t->blue += weight * a->blue;
-  t->normal_x += weight * a->normal_x;
-  t->normal_y += weight * a->normal_y;
-  t->normal_z += weight * a->normal_z;
-  t->z += weight * SELECT(R(0.0), f->z, accepted);
-  t->count -= UINT_MASK(accepted);
-}
-
-// depth(p) + epsilon; epsilon along a perspective ray is shorter along z.
-static inline real farthest_accepted(constant View *view, int x, int y, real depth, real epsilon, int along_ray)
-{
-  if (ORTHOGRAPHIC || !along_ray) return depth + epsilon;
-  const real dx = ray_x(view, x), dy = ray_y(view, y);
-  return depth + epsilon / sqrt((dx * dx + dy * dy) + R(1.0));
-}
 
 kernel void attributes(constant View *view, global const ProjectedSplat *records,
                        global const SplatAttributes *splat_attributes, global const int *tile_begin,
