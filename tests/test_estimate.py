@@ -239,4 +239,9 @@ def test_wrong_arrays_are_refused(arguments):
 
 def test_spacing_ignores_points_at_one_place():
     assert estimate_spacing(np.repeat(grid(10, 10, 0.5, 0.5), 3, axis=0)) == 0.5
-    assert estimate_spacing([[1, 2, 3]]) == 0.0
+    assert estimate_spacing(np.ones((9, 3))) == estimate_spacing([[1, 2, 3]]) == 0.0
+
+
+def test_spacing_of_a_sample_is_that_of_all():
+    points = np.random.default_rng(10).permutation(grid(50, 50, 0.5, 0.5))
+    assert estimate_spacing(points, max_samples=100) == 0.5

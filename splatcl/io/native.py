@@ -81,7 +81,7 @@ def read_npz(path: Path) -> Model:
         missing = [name for name in GROUPS if name not in archive]
         if missing:
             raise FileError(
-                f"{path}: has no array {missing[0]}; it needs {', '.join(GROUPS)} (and has {', '.join(archive)})"
+                f"{path}: has no array {missing[0]}; it needs {', '.join(GROUPS)} (and has {' '.join(', '.join(archive).split())})"
             )
         arrays = {name: archive[name] for name in GROUPS}
         text = str(archive["splatcl"]) if "splatcl" in archive else "{}"

@@ -18,9 +18,6 @@ from splatcl.meshes import invalid_triangles
 from splatcl.splats import MAX_MAGNITUDE, invalid_splats
 from splatcl.splats import REASONS as SPLAT_REASONS
 
-MAX_SAMPLE = 200_000
-"""Spacing is estimated from at most this many consecutive points."""
-
 
 @dataclass(frozen=True, eq=False)
 class Summary:
@@ -83,7 +80,7 @@ def inspect(path: str | os.PathLike[str]) -> Summary:
         num_faces=0 if model.faces is None else len(model.faces),
         bounds=np.stack([usable.min(axis=0), usable.max(axis=0)]) if len(usable) else np.zeros((2, 3)),
         attributes=tuple(name for name, value in present.items() if value is not None),
-        spacing=estimate_spacing(usable[:MAX_SAMPLE]),
+        spacing=estimate_spacing(usable),
         skipped=_skipped(model),
         notes=model.notes,
     )
