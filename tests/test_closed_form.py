@@ -122,9 +122,10 @@ def test_epsilon_along_an_oblique_ray(renderer):
     assert counts == [2, 1, 2, 1]
 
 
-def test_weight_at_the_centre_and_the_rim(renderer):
+@pytest.mark.parametrize(("projection", "focal"), [("perspective", 4), ("orthographic", 1)])
+def test_weight_at_the_centre_and_the_rim(renderer, projection, focal):
     """1 at the centre, e^-2 at the rim, e^-1/2 half way; the rim belongs to the splat and the next pixel does not."""
-    camera = Camera(np.eye(4), 1, 1, 8.5, 8.5, 17, 17, projection="orthographic")
+    camera = Camera(np.eye(4), focal, focal, 8.5, 8.5, 17, 17, projection=projection)
     weight = renderer.render(disc((0, 0, 4), 4.0), camera, PLAIN)["weight"]
     assert weight[8, 8] == 1
     np.testing.assert_allclose(weight[8, [4, 12]], np.exp(-2), rtol=WEIGHT_BY_HAND)
