@@ -80,9 +80,8 @@ def read_npz(path: Path) -> Model:
     with foreign_errors(path, "NPZ file", []), path.open("rb") as stream, np.load(stream) as archive:
         missing = [name for name in GROUPS if name not in archive]
         if missing:
-            raise FileError(
-                f"{path}: has no array {missing[0]}; it needs {', '.join(GROUPS)} (and has {' '.join(', '.join(archive).split())})"
-            )
+            have = " ".join(", ".join(archive).split())
+            raise FileError(f"{path}: has no array {missing[0]}; it needs {', '.join(GROUPS)} (and has {have})")
         arrays = {name: archive[name] for name in GROUPS}
         text = str(archive["splatcl"]) if "splatcl" in archive else "{}"
     for name, array in arrays.items():
