@@ -31,8 +31,9 @@ def tables(folder: Path, names: Iterable[str]) -> str:
     for name, scene in scenes.items():
         image = f'<img src="{name}.png" width="{PREVIEW_WIDTH}" alt="{name}">'
         files = f"[json]({name}.json) [npz]({name}.npz) [exr]({name}.exr)"
-        size = f"{scene.camera.width}x{scene.camera.height}, {len(scene.splats)} splats"
-        shown.append(f"| {image} | **{name}**<br>{size}<br>{files} | {scene.about} |")
+        size = f"{scene.camera.width}x{scene.camera.height}, splats: {len(scene.splats)}"
+        about = scene.about.replace("|", "\\|")
+        shown.append(f"| {image} | **{name}**<br>{size}<br>{files} | {about} |")
         made, oracle = scene.made, scene.made["oracle"]
         source = f"splatcl {made['splatcl']}, commit {made['commit']}, on {made['device']}"
         sources += [source] if source not in sources else []

@@ -190,9 +190,8 @@ def orthographic() -> Scene:
     right, up = unit(np.array([1, 0, -1])), unit(np.array([-1, 2, -1]))
     target = [0.7, 0.7, 0.7] - 1.1 * right - 1.2 * up
     return Scene(
-        "Four stacked cubes under an orthographic camera whose principal point is far from the image's centre: "
-        "parallel edges stay parallel, equal squares equal, and depth grows along z, not along a ray from the "
-        "eye.",
+        "Cubes on top of each other under an orthographic camera whose principal point is far from the image's "
+        "centre: parallel edges stay parallel, near and far cubes are equally large, and depth is along z.",
         discs(center, np.concatenate(normal), 0.145, color),
         Camera(
             Camera.look_at(target + 8, target).eye_from_world, 21.5, 21.5, 12.25, 61.75, 72, 72, 1, 40, "orthographic"
@@ -262,7 +261,7 @@ def survey() -> Scene:
     eye, target = np.add(origin, (30, -22, 22)), np.add(origin, (18, 17, 0))
     center = np.round((origin + np.stack([east, north, height], axis=1)) * 4096) / 4096
     return Scene(
-        "A hilly field in UTM metres, whose northings leave float32 a quarter of a metre, in double precision: "
+        "A hilly field in UTM metres, whose northings float32 would round to half metres, in double precision: "
         "float64 centres are kept from the file to the pixel.",
         Splats(center, field.tangent_u, field.tangent_v, field.color),
         Camera.look_at(eye, target, up=(0, 0, 1), fov_y=38, width=88, height=64),
