@@ -11,6 +11,13 @@ typedef struct {
   masks exists;
 } fragment;
 
+// r2^2, whatever the setting of the pre-filter.
+static inline reals screen_radius2(const SplatAttributes *a, const hit *h, real inverse_radius2)
+{
+  const reals x = h->dx - a->prefilter_x, y = h->dy - a->prefilter_y;
+  return (x * x + y * y) * inverse_radius2;
+}
+
 // r^2 = min(r3^2, r2^2); where only the pre-filter accepts, the depth is the centre's.
 static inline fragment filter(const ProjectedSplat *s, const SplatAttributes *a, const hit *h, real near, real far,
                               real inverse_radius2)
@@ -21,8 +28,7 @@ static inline fragment filter(const ProjectedSplat *s, const SplatAttributes *a,
   f.exists = h->inside & MASK(f.z >= near) & MASK(f.z <= far);
   f.r2 = at_most(h->numerator * (inverse_den * inverse_den), R(1.0));
 #if PREFILTER
-  const reals x = h->dx - a->prefilter_x, y = h->dy - a->prefilter_y;
-  const reals screen_r2 = (x * x + y * y) * inverse_radius2;
+  const reals screen_r2 = screen_radius2(a, h, inverse_radius2);
   f.r2 = SELECT(screen_r2, f.r2, f.exists & MASK(f.r2 < screen_r2));
   f.z = SELECT(s->z, f.z, f.exists);
   f.exists |= MASK(screen_r2 <= R(1.0));

@@ -33,6 +33,10 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
         # 32 bytes: what the attribute pass accumulates, and where the pre-filter is centred.
         "SplatAttributes": _reals(real, "red", "green", "blue", "normal_x", "normal_y", "normal_z")
         + _reals(real, "prefilter_x", "prefilter_y"),
+        # One splat at the probed pixel, and the pixel's sums after it (probe.cl).
+        "ProbedSplat": _reals(real, "u", "v", "r3", "r2", "z", "weight", "weight_sum", "red", "green", "blue")
+        + _reals(real, "normal_x", "normal_y", "normal_z")
+        + [(name, "u4") for name in ("id", "count", "state")],
         "PhongLight": _reals(real, "x", "y", "z", "is_point", "red", "green", "blue"),
         "Shading": [*_reals(real, "ambient", "diffuse", "specular", "shininess"), ("num_lights", "i4")],
     }

@@ -252,17 +252,26 @@ def attributes(
     passes: Passes, view: Any, lists: TileLists, depth: DepthBuffer, epsilon: float, gbuffer: GBuffer
 ) -> None:
     """Fill the band's part of `gbuffer`: sums over fragments within `epsilon` of `depth` (kernels/attributes.cl)."""
+    arguments, options = fragment_arguments(passes, epsilon)
+    passes.run(
+        "attributes", (lists.last_tile - lists.first_tile,), view, lists.records, lists.attributes,
+        lists.begin_buffer, lists.first_tile, lists.tiles_x, *arguments,
+        depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum, gbuffer.count,
+        **options,
+    )  # fmt: skip
+
+
+def fragment_arguments(passes: Passes, epsilon: float) -> tuple[tuple[Any, ...], dict[str, int]]:
+    """Return the arguments and build options that say which fragments there are (fragment.h) and weigh them."""
     settings = passes.settings
     kernel = {"gaussian": 0, "constant": 1, "table": 2}[settings.kernel]
     kernel += settings.kernel == "table" and settings.kernel_lookup == "linear"
     table = np.array(settings.kernel_table or (0,), passes.real)
-    passes.run(
-        "attributes", (lists.last_tile - lists.first_tile,), view, lists.records, lists.attributes,
-        lists.begin_buffer, lists.first_tile, lists.tiles_x, float(epsilon), settings.along == "ray",
-        -(settings.cutoff**2) / 2, settings.prefilter_radius**-2, passes.constant(table), len(table),
-        depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum, gbuffer.count,
-        PREFILTER=int(settings.prefilter == "min"), KERNEL=int(kernel),
+    arguments = (
+        float(epsilon), settings.along == "ray", -(settings.cutoff**2) / 2, settings.prefilter_radius**-2,
+        passes.constant(table), len(table),
     )  # fmt: skip
+    return arguments, {"PREFILTER": int(settings.prefilter == "min"), "KERNEL": int(kernel)}
 
 
 def shade(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> Any:
