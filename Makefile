@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all lint format reference-images contact-sheet clean
+.PHONY: demo test test-all lint format reference-images golden contact-sheet clean
 
 demo: $(VENV)/installed
 	@mkdir -p out
@@ -29,6 +29,10 @@ format: $(VENV)/installed-test
 # Renders every reference image again and rewrites reference_images/README.md.
 reference-images: $(VENV)/installed-test
 	$(BIN)/python reference_images/regenerate.py
+
+# Computes the hashes of splatcl/golden.json again: only after a wanted change of bits.
+golden: $(VENV)/installed-test
+	$(BIN)/python -m splatcl.golden
 
 # Renders every model of a folder to docs/contact_sheet.png: make contact-sheet MODELS=path
 contact-sheet: $(VENV)/installed-test

@@ -110,7 +110,7 @@ def choose_device(wanted: str | int | None = None) -> DeviceInfo:
     ----------
     wanted : str or int, optional
         An index of `list_devices`, or words that must all be in the platform's name and version or in the
-        device's name, in any case ("pocl 3.1", "intel").
+        device's name, in any case ("pocl 3.1", "intel"); a device where they follow each other goes first.
 
     Raises
     ------
@@ -127,11 +127,11 @@ def choose_device(wanted: str | int | None = None) -> DeviceInfo:
         return devices[0]
     if wanted.isdigit() and int(wanted) < len(devices):
         return devices[int(wanted)]
-    words = wanted.lower().split()
-    for device in devices:
-        text = f"{device.platform} {device.version} {device.name}".lower()
-        if not wanted.isdigit() and all(word in text for word in words):
-            return device
+    texts = [f"{d.platform} {d.version} {d.name}".lower() for d in devices]
+    for words in ([wanted.lower()], wanted.lower().split()):
+        for device, text in zip(devices, texts, strict=True):
+            if not wanted.isdigit() and all(word in text for word in words):
+                return device
     known = "; ".join(f"{d.index}: {d.version}, {d.name}" for d in devices)
     raise DeviceError(f"no OpenCL device fits {wanted!r}; there are {known}")
 

@@ -119,6 +119,8 @@ class Passes:
             "LANES": min(self.device.lanes, 32 // self.real.itemsize),
             "DOUBLE": int(self.real == np.float64),
             "TILE": self.tile_size,
+            "EXACT_DIVIDE": 1,
+            "EXACT_SQRT": 1,
             "ORTHOGRAPHIC": int(self.camera.projection == "orthographic"),
         }
         file = {"resolve": "shade.cl"}.get(kernel, kernel.split("_")[0] + ".cl")
@@ -143,7 +145,7 @@ class Passes:
         """Return the View struct: the camera for world coordinates relative to `origin`, to twice the precision."""
         camera, view = self.camera, np.zeros(1, self.dtypes["View"])
         rotation = camera.eye_from_world[:3, :3]
-        translation = camera.eye_from_world[:3, 3] + rotation @ origin
+        translation = camera.eye_from_world[:3, 3] + _rotated(rotation, origin)
         exact = {f"r{i}{j}": rotation[i, j] for i in range(3) for j in range(3)}
         exact |= {f"t{i}": translation[i] for i in range(3)}
         exact |= {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx - 0.5, "cy": camera.cy - 0.5}
@@ -312,10 +314,15 @@ def _eye_light(light: Light, camera: Camera) -> tuple[float, ...]:
         is_point, eye = camera.projection == "perspective", np.zeros(3)
         eye[2] = 0.0 if is_point else -1.0
     elif light.kind == "point":
-        is_point, eye = True, rotation @ vector + camera.eye_from_world[:3, 3]
+        is_point, eye = True, _rotated(rotation, vector) + camera.eye_from_world[:3, 3]
     else:
-        is_point, eye = False, rotation @ (vector / np.linalg.norm(vector))
+        is_point, eye = False, _rotated(rotation, vector / np.sqrt((vector * vector).sum()))
     return (*eye, float(is_point), *light.color)
+
+
+def _rotated(rotation: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the product by single operations: the one of a BLAS has other bits on other CPUs."""
+    return (rotation[:, 0] * vector[0] + rotation[:, 1] * vector[1]) + rotation[:, 2] * vector[2]
 
 
 def effective_settings(settings: RenderSettings, oriented: bool) -> RenderSettings:

@@ -61,6 +61,11 @@ class Renderer:
         self._arguments = (device, tile_size, lanes)
         self._device = None if forked() else DeviceQueue(device, lanes)
 
+    @property
+    def supports_double(self) -> bool:
+        """Whether the device has double precision; a forked process does not know and says that it has."""
+        return self._device is None or self._device.info.supports["double"] == "yes"
+
     def upload(self, splats: Splats) -> Resident:
         """Return `splats` for many renders with one upload."""
         return Resident(splats, float(np.median(splats.radius)) if len(splats) else 0.0)
@@ -72,7 +77,7 @@ class Renderer:
         epsilon = resident.auto_epsilon if settings.epsilon == "auto" else settings.epsilon
         if self._device is None or forked():
             return worker().render(self._arguments, resident.splats, camera, settings)
-        if settings.precision == "double" and self._device.info.supports["double"] == "no":
+        if settings.precision == "double" and not self.supports_double:
             raise DeviceError(f"{self._device.info.name} has no double precision; choose another device")
         passes = Passes(self._device, camera, settings, self._arguments[1], settings.precision)
         with self._device.lock:

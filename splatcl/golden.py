@@ -1,0 +1,246 @@
+"""Golden images: small scenes whose every AOV has a known SHA-256, the same on every device.
+
+The scenes are built with + - * / alone in float64, from an integer hash, so that every machine builds the same
+bits; camera matrices are multiples of 2^-20, so that products with them are exact on the host. The hashes are in
+golden.json; `python -m splatcl.golden` (`make golden`) writes them again. docs/reproducibility.md has the results.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splatcl.camera import Camera
+from splatcl.frame import Frame
+from splatcl.lights import Light, Material
+from splatcl.render import Renderer
+from splatcl.settings import RenderSettings
+from splatcl.splats import Splats
+
+Floats = NDArray[np.float64]
+Hashes = dict[str, str]
+
+LIGHTS = (
+    Light(color=(0.5, 0.5, 0.5)),
+    Light("point", (1.0, 2.0, -1.5), (0.75, 0.25, 0.0)),
+    Light("directional", (0.0, 4.0, 0.0), (0.0, 0.25, 0.5)),
+)
+TABLE = (1.0, 0.875, 0.5625, 0.25, 0.0625)
+
+
+@dataclass(frozen=True)
+class GoldenScene:
+    """One image to render; a `tiny` one is 16x16 with five splats, for a device that is interpreted."""
+
+    name: str
+    splats: Splats
+    camera: Camera
+    settings: RenderSettings
+
+    @property
+    def tiny(self) -> bool:
+        """Whether its name says so."""
+        return self.name.startswith("tiny")
+
+
+@cache
+def scenes() -> tuple[GoldenScene, ...]:
+    """Return every scene; each is there for what its name says, in single precision unless that says double."""
+    turn = (7, 1, -2, 1)
+    discs, small, layered, tiny = (
+        random_discs(1, 160, 1.25, 0.25),
+        random_discs(3, 900, 1.25, 0.015625),
+        layers(),
+        tiny_discs(),
+    )
+    far, before, tiny_camera = camera(turn, z=4.0), camera(), camera(near=1.0, focal=30.0, size=(16, 16))
+    flat = replace(far, projection="orthographic", fx=16.0, fy=15.0)
+    tiny_flat = replace(tiny_camera, projection="orthographic", fx=10.0, fy=9.0)
+    bounds = RenderSettings(0.25, prefilter_center="bounds", prefilter_radius=2.0, facing="flip")
+    ray = RenderSettings(0.125, along="ray")
+    table = RenderSettings(0.125, kernel="table", kernel_table=TABLE, kernel_lookup="linear")
+    lights = RenderSettings(0.125, lights=LIGHTS, material=Material(0.125, 0.5, 0.5, 7.5))
+    found = [
+        GoldenScene("ordinary", discs, far, RenderSettings(0.125)),
+        GoldenScene("near_plane", random_discs(2, 90, 1.5, 0.5), camera(turn, z=0.75, near=0.5), RenderSettings(0.25)),
+        GoldenScene("edge_on", edge_on(), before, RenderSettings(0.125, shader="normal")),
+        GoldenScene("orthographic", discs, flat, RenderSettings(0.125, facing="flip", shader="normal")),
+        GoldenScene("sub_pixel", small, far, RenderSettings(0.0625)),
+        GoldenScene("sub_pixel_bounds", small, far, bounds),
+        GoldenScene("layers", layered, before, RenderSettings(0.125, shader="albedo")),
+        GoldenScene("layers_front", layered, before, RenderSettings(0.0, shader="albedo")),
+        GoldenScene("along_ray", layered, before, ray),
+        GoldenScene("along_ray_orthographic", discs, flat, ray),
+        GoldenScene("culled", discs, far, RenderSettings(0.125, prefilter="none", facing="cull", shader="albedo")),
+        GoldenScene("constant", discs, far, RenderSettings(0.125, kernel="constant", facing="flip")),
+        GoldenScene("table_nearest", discs, far, replace(table, kernel_lookup="nearest", prefilter="none")),
+        GoldenScene("table_linear", discs, far, table),
+        GoldenScene("lights", discs, far, lights),
+        GoldenScene("far_from_origin", *moved(discs, far, (2.0**19, -(2.0**22), 96.0)), RenderSettings(0.125)),
+        GoldenScene("tiny", tiny, tiny_camera, lights),
+        GoldenScene("tiny_bounds", tiny, tiny_camera, replace(bounds, shader="normal", along="ray")),
+        GoldenScene("tiny_table", tiny, tiny_camera, replace(table, prefilter="none", facing="cull", shader="albedo")),
+        GoldenScene("tiny_nearest", tiny, tiny_camera, replace(table, kernel_lookup="nearest")),
+        GoldenScene("tiny_constant", tiny, tiny_camera, RenderSettings(0.125, kernel="constant")),
+        GoldenScene("tiny_orthographic", tiny, tiny_flat, ray),
+    ]
+    twice = ("ordinary", "near_plane", "orthographic", "sub_pixel_bounds", "table_linear", "lights", "tiny")
+    doubled = [s for s in found if s.name in twice]
+    found += [replace(s, name=f"{s.name}_double", settings=replace(s.settings, precision="double")) for s in doubled]
+    return tuple(found)
+
+
+def digest(frame: Frame) -> Hashes:
+    """Return the SHA-256 of each AOV by name: of its shape and type, and its little-endian bytes."""
+    hashes = {}
+    for name in frame:
+        array = np.ascontiguousarray(frame[name])
+        little = array.astype(array.dtype.newbyteorder("<"), copy=False)
+        hashes[name] = hashlib.sha256(f"{array.shape} {little.dtype.str}\n".encode() + little.tobytes()).hexdigest()
+    return hashes
+
+
+@cache
+def stored() -> dict[str, Hashes]:
+    """Return the hashes of golden.json: by scene, then by AOV."""
+    return json.loads((files("splatcl") / "golden.json").read_text())
+
+
+def check(renderer: Renderer, names: Iterable[str] | None = None) -> list[str]:
+    """Render the scenes and return one line for each AOV whose hash differs from the stored one.
+
+    Parameters
+    ----------
+    renderer : Renderer
+        Its device and its way of working; none may change a bit.
+    names : iterable of str, optional
+        Names of scenes; all that the device can render where omitted (double precision may be missing).
+    """
+    wanted = {s.name for s in renderable(renderer)} if names is None else set(names)
+    mismatches = []
+    for scene in scenes():
+        if scene.name not in wanted:
+            continue
+        found = digest(renderer.render(scene.splats, scene.camera, scene.settings))
+        expected = stored().get(scene.name, {})
+        for aov in sorted(found | expected):
+            was, now = (hashes.get(aov, "missing")[:12] for hashes in (expected, found))
+            if expected.get(aov) != found.get(aov):
+                mismatches.append(f"{scene.name} {aov}: {now}, not {was}")
+    return mismatches
+
+
+def renderable(renderer: Renderer) -> list[GoldenScene]:
+    """Return the scenes that the renderer's device can render: without double precision, not all."""
+    return [s for s in scenes() if s.settings.precision == "single" or renderer.supports_double]
+
+
+def random_numbers(seed: int, *shape: int) -> Floats:
+    """Return numbers in [-1, 1) from the SplitMix64 hash of a counter; the same bits everywhere."""
+    count = int(np.prod(shape))
+    h = (np.arange(1, count + 1, dtype=np.uint64) + np.uint64(seed << 32)) * np.uint64(0x9E3779B97F4A7C15)
+    h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    h = h ^ (h >> np.uint64(31))
+    return ((h >> np.uint64(11)).astype(np.float64) * 2.0**-52 - 1.0).reshape(shape)
+
+
+def rotations(quaternion: Floats) -> Floats:
+    """Return (N, 3, 3) rotations of (N, 4) quaternions of any length: sums, products and one quotient."""
+    w, x, y, z = quaternion.T
+    rows = [
+        [w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z],
+    ]
+    return np.moveaxis(np.array(rows) / (w * w + x * x + y * y + z * z), 2, 0)
+
+
+def camera(
+    turn: tuple[float, float, float, float] = (1, 0, 0, 0),
+    z: float = 0.0,
+    near: float = 0.125,
+    focal: float = 50.0,
+    size: tuple[int, int] = (44, 36),
+) -> Camera:
+    """Return a camera turned by a quaternion, and rounded, that has the world's origin at depth `z`."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.rint(rotations(np.array([turn], np.float64))[0] * 2.0**20) * 2.0**-20
+    matrix[2, 3] = z
+    width, height = size
+    return Camera(
+        matrix, focal, focal * 0.9375, width / 2 + 0.25, height / 2 - 0.375, width, height, near=near, far=64.0
+    )
+
+
+def moved(splats: Splats, eye: Camera, offset: tuple[float, float, float]) -> tuple[Splats, Camera]:
+    """Return a scene far from the world's origin, in float64; multiples of 2^-20 keep every product exact."""
+    matrix = eye.eye_from_world.copy()
+    matrix[:3, 3] -= (matrix[:3, :3] * np.array(offset)).sum(axis=1)
+    center = np.rint(splats.center.astype(np.float64) * 1024) / 1024 + np.array(offset)
+    return Splats(center, splats.tangent_u, splats.tangent_v, splats.color), replace(eye, eye_from_world=matrix)
+
+
+def random_discs(seed: int, count: int, spread: float, radius: float) -> Splats:
+    """Return ellipses in a cube of half-width `spread`, of radii up to `radius`, turned any way."""
+    numbers = random_numbers(seed, count, 12)
+    turn = rotations(numbers[:, :4] + 0.0009765625)
+    radii = radius * (0.5625 + 0.4375 * numbers[:, 4:6])
+    u, v = turn[:, :, 0] * radii[:, :1], turn[:, :, 1] * radii[:, 1:]
+    return _splats(numbers[:, 6:9] * spread, u, v, 0.5 + 0.5 * numbers[:, 9:12])
+
+
+def edge_on() -> Splats:
+    """Return discs seen along their planes: exactly, and tilted off by powers of two of a radian."""
+    i = np.arange(24)
+    tilt = np.where(i < 4, 0.0, 2.0 ** -(i.astype(np.float64) - 3))
+    center = np.stack([(i % 6) * 0.25 - 0.65625, i // 6 * 0.25 - 0.390625, np.full(24, 3.0)], axis=1)
+    v = center * 0.125  # along the ray
+    v[:, 1] += tilt * 0.25
+    u = np.stack([np.full(24, 0.1875), np.zeros(24), np.zeros(24)], axis=1)
+    return _splats(center, u, v, 0.5 + 0.5 * random_numbers(4, 24, 3))
+
+
+def layers() -> Splats:
+    """Return five sheets of discs that face the eye, 1/8 apart in depth, farthest first."""
+    numbers = random_numbers(5, 5 * 49, 3)
+    k = np.arange(5 * 49)
+    center = np.stack([k % 7 * 0.25 - 0.75, k // 7 % 7 * 0.25 - 0.75, 2.5 - k // 49 * 0.125], axis=1)
+    center[:, :2] += numbers[:, :2] * 0.0625
+    radius = np.full(len(k), 0.21875)
+    u = np.stack([radius, 0 * radius, 0 * radius], axis=1)
+    v = np.stack([0 * radius, -radius, 0 * radius], axis=1)
+    return _splats(center, u, v, 0.5 + 0.5 * numbers)
+
+
+def tiny_discs() -> Splats:
+    """Return five discs before the eye at z = 0: tilted, sub-pixel, edge-on, across the near plane, large behind."""
+    center = [[0.25, 0, 3], [-0.5, 0.25, 3], [0, -0.25, 3], [0.25, 0.25, 0.75], [0, 0, 3.0625]]
+    u = [[0.25, 0, 0.125], [0.00390625, 0, 0], [0.25, 0, 0], [0.125, 0, 0.75], [0.5, 0, -0.25]]
+    v = [[0, -0.1875, 0.125], [0, -0.00390625, 0], [0, -0.03125, 0.375], [0, 0.25, 0], [0.0625, 0.375, 0.125]]
+    color = 0.5 + 0.5 * random_numbers(6, 5, 3)
+    return _splats(np.array(center), np.array(u), np.array(v), color)
+
+
+def _splats(*columns: Any) -> Splats:
+    return Splats(*(column.astype(np.float32) for column in columns))
+
+
+def main() -> None:
+    """Write golden.json beside this file, from the default device."""
+    renderer = Renderer()
+    hashes = {s.name: digest(renderer.render(s.splats, s.camera, s.settings)) for s in scenes()}
+    Path(__file__).with_name("golden.json").write_text(json.dumps(hashes, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
