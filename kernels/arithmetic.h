@@ -1,5 +1,6 @@
 // The strict arithmetic profile: every operation below is correctly rounded and in a fixed order, so that
-// every OpenCL runtime computes the same bits. Only + - * / sqrt, comparisons, selects and bit casts are used.
+// every OpenCL runtime computes the same bits. Only + - *, divide and square_root (divide.h), comparisons,
+// selects and bit casts are used.
 //
 // LANES  how many pixels or splats one value holds (1, 4, 8)
 // DOUBLE 0: float, 1: double
@@ -21,14 +22,16 @@ typedef long bits;  // an integer as wide as a real
 #define R(x) x      // a literal
 #define MANTISSA 52
 #define EXPONENT_BIAS 1023
-#define SPLIT_MASK 0xfffffffff8000000L  // the leading 26 bits of a significand
+#define SPLIT_MASK 0xfffffffff8000000L  // the leading 26 bits of a significand ...
+#define SPLIT_HALF 0x4000000L           // ... rounded, so that the rest of 27 bits needs only 26 and a sign
 #else
 typedef float real;
 typedef int bits;
 #define R(x) PASTE(x, f)
 #define MANTISSA 23
 #define EXPONENT_BIAS 127
-#define SPLIT_MASK 0xfffff000  // the leading 12 bits of a significand
+#define SPLIT_MASK 0xfffff000  // the leading 12 bits of a significand, which leave 12
+#define SPLIT_HALF 0
 #endif
 
 // reals: LANES reals. masks: LANES integers as wide, all ones or all zeros. uints: LANES 32-bit counts.
@@ -92,6 +95,8 @@ static inline reals3 add3(reals3 a, reals3 b)
 static inline reals at_least(reals x, reals low) { return SELECT(low, x, MASK(x > low)); }
 static inline reals at_most(reals x, reals high) { return SELECT(high, x, MASK(x < high)); }
 static inline reals magnitude(reals x) { return SELECT(x, -x, MASK(x < R(0.0))); }
+
+#include "divide.h"
 
 // Nearest integer, ties to even: adding 1.5 * 2^MANTISSA leaves no fraction bits. (rint is a call on some runtimes.)
 #define ROUND_MAGIC ((real)(3L << (MANTISSA - 1)))

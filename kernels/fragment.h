@@ -23,7 +23,7 @@ static inline fragment filter(const ProjectedSplat *s, const SplatAttributes *a,
                               real inverse_radius2)
 {
   fragment f;
-  const reals inverse_den = R(1.0) / h->den;
+  const reals inverse_den = divide(R(1.0), h->den);
   f.z = hit_depth(s, h, inverse_den);
   f.exists = h->inside & MASK(f.z >= near) & MASK(f.z <= far);
   f.r2 = at_most(h->numerator * (inverse_den * inverse_den), R(1.0));
@@ -55,5 +55,5 @@ static inline real farthest_accepted(constant View *view, int x, int y, real dep
 {
   if (ORTHOGRAPHIC || !along_ray) return depth + epsilon;
   const real dx = ray_x(view, x), dy = ray_y(view, y);
-  return depth + epsilon / sqrt((dx * dx + dy * dy) + R(1.0));
+  return depth + divide_real(epsilon, square_root_real((dx * dx + dy * dy) + R(1.0)));
 }

@@ -9,9 +9,9 @@ static inline real log_positive(real x)
     m = m * R(0.5);
     e = e + 1;
   }
-  const real f = (m - R(1.0)) / (m + R(1.0)), f2 = f * f;
+  const real f = divide(m - R(1.0), m + R(1.0)), f2 = f * f;
   real series = R(0.0);
-  for (int k = DOUBLE ? 21 : 9; k >= 1; k -= 2) series = series * f2 + R(1.0) / (real)k;
+  for (int k = DOUBLE ? 21 : 9; k >= 1; k -= 2) series = series * f2 + divide(R(1.0), (real)k);
   return (real)e * R(0.6931471805599453) + R(2.0) * f * series;
 }
 

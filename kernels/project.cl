@@ -2,7 +2,6 @@
 // A work-item takes one chunk of splats, LANES at a time, and writes the survivors compactly and in order.
 
 #include "arithmetic.h"
-#include "twofloat.h"
 
 // Coverage is decided per pixel (splat.h); bounds only have to be safe. SLACK_PIXELS covers the rounding of the
 // pixel offsets, the relative terms that of the coefficients, which grows with 1/cos(tilt).
@@ -74,8 +73,8 @@ static inline extent perspective_extent(reals slope, reals u, reals v, reals uz,
 {
   reals pu = u - slope * uz, pv = v - slope * vz;
   reals pt = pu * uz + pv * vz;
-  reals inverse = focal / w;
-  extent e = {-pt * inverse, sqrt(pt * pt + (pu * pu + pv * pv) * w) * inverse};
+  reals inverse = divide(focal, w);
+  extent e = {-pt * inverse, square_root(pt * pt + (pu * pu + pv * pv) * w) * inverse};
   return e;
 }
 
@@ -83,8 +82,8 @@ static inline extent perspective_extent(reals slope, reals u, reals v, reals uz,
 static inline extent near_extent(reals center, reals reach, reals z_low, reals z_high, reals origin, real focal)
 {
   reals low = center - reach, high = center + reach;
-  low = low / SELECT(z_low, z_high, MASK(low > R(0.0))) * focal;
-  high = high / SELECT(z_high, z_low, MASK(high > R(0.0))) * focal;
+  low = divide(low, SELECT(z_low, z_high, MASK(low > R(0.0)))) * focal;
+  high = divide(high, SELECT(z_high, z_low, MASK(high > R(0.0)))) * focal;
   reals slack = (magnitude(low) + magnitude(high)) * R(1e-5);
   extent e = {(low + high) * R(0.5) - origin, (high - low) * R(0.5) + slack};
   return e;
@@ -101,7 +100,7 @@ typedef struct {
 
 static inline reals3 oriented_normal(constant View *view, reals3 g, reals3 center, reals *facing_dot)
 {
-  reals3 n = scale3(g, R(1.0) / sqrt(dot3(g, g)));
+  reals3 n = scale3(g, divide(R(1.0), square_root(dot3(g, g))));
   *facing_dot = ORTHOGRAPHIC ? n.z : dot3(n, center);
   masks away = MASK(*facing_dot >= R(0.0)) & (masks)(view->facing == FLIP ? -1 : 0);
   reals3 flipped = {SELECT(n.x, -n.x, away), SELECT(n.y, -n.y, away), SELECT(n.z, -n.z, away)};
@@ -113,8 +112,8 @@ static inline reals3 oriented_normal(constant View *view, reals3 g, reals3 cente
 static inline void coefficients(constant View *view, projected *s, reals3 tu, reals3 tv, reals3 g, reals3 p)
 {
 #if ORTHOGRAPHIC
-  reals inverse = R(1.0) / g.z;
-  reals sx = inverse / view->fx_hi, sy = inverse / view->fy_hi;
+  reals inverse = divide(R(1.0), g.z);
+  reals sx = divide(inverse, view->fx_hi), sy = divide(inverse, view->fy_hi);
   s->u_x = tv.y * sx;
   s->u_y = -tv.x * sy;
   s->v_x = -tu.y * sx;
@@ -123,8 +122,8 @@ static inline void coefficients(constant View *view, projected *s, reals3 tu, re
   s->g_y = -g.y * sy;
 #else
   reals3 a = cross3(tv, p), b = cross3(p, tu);
-  reals inverse = p.z / dot3(g, p);
-  reals sx = inverse / view->fx_hi, sy = inverse / view->fy_hi;
+  reals inverse = divide(p.z, dot3(g, p));
+  reals sx = divide(inverse, view->fx_hi), sy = divide(inverse, view->fy_hi);
   s->g_x = g.x * sx;
   s->g_y = g.y * sy;
   s->u_x = a.x * sx + s->u_1 * s->g_x;
@@ -150,7 +149,7 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   reals3 c = {c2.x.hi, c2.y.hi, c2.z.hi};
   reals3 tu = rotate(view, tu_world), tv = rotate(view, tv_world);
   reals3 g = cross3(tu, tv);
-  reals reach = sqrt(tu.z * tu.z + tv.z * tv.z);
+  reals reach = square_root(tu.z * tu.z + tv.z * tv.z);
   projected s;
 
   reals facing_dot;
@@ -158,14 +157,14 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   s.normal_x = n.x;
   s.normal_y = n.y;
   s.normal_z = n.z;
-  reals distance = ORTHOGRAPHIC ? (reals)R(1.0) : sqrt(dot3(c, c));
+  reals distance = ORTHOGRAPHIC ? (reals)R(1.0) : square_root(dot3(c, c));
   masks edge_on = MASK(magnitude(facing_dot) <= distance * EDGE_ON);
   masks culled = MASK(facing_dot >= R(0.0)) & (masks)(view->facing == CULL ? -1 : 0);
 
   // A splat is described from its centre; one whose centre is not visible, from its farthest point.
   masks straddles = ORTHOGRAPHIC ? (masks)0 : MASK(c.z < view->near);
-  s.u_1 = SELECT(R(0.0), tu.z / reach, straddles);
-  s.v_1 = SELECT(R(0.0), tv.z / reach, straddles);
+  s.u_1 = SELECT(R(0.0), divide(tu.z, reach), straddles);
+  s.v_1 = SELECT(R(0.0), divide(tv.z, reach), straddles);
   reals3 step = add3(scale3(tu, s.u_1), scale3(tv, s.v_1));
   twofloat px = two_add(c2.x, (twofloat){step.x, (reals)R(0.0)});
   twofloat py = two_add(c2.y, (twofloat){step.y, (reals)R(0.0)});
@@ -185,18 +184,18 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   // Bounds of the disc.
 #if ORTHOGRAPHIC
   masks exact = (masks)-1;
-  extent ex = {(reals)R(0.0), sqrt(tu.x * tu.x + tv.x * tv.x) * view->fx_hi};
-  extent ey = {(reals)R(0.0), sqrt(tu.y * tu.y + tv.y * tv.y) * view->fy_hi};
+  extent ex = {(reals)R(0.0), square_root(tu.x * tu.x + tv.x * tv.x) * view->fx_hi};
+  extent ey = {(reals)R(0.0), square_root(tu.y * tu.y + tv.y * tv.y) * view->fy_hi};
 #else
   masks exact = ~straddles & MASK(c.z - reach > c.z * CLEAR);
   reals w = (c.z - reach) * (c.z + reach);
-  extent ex = perspective_extent(c.x / c.z, tu.x, tv.x, tu.z, tv.z, w, view->fx_hi);
-  extent ey = perspective_extent(c.y / c.z, tu.y, tv.y, tu.z, tv.z, w, view->fy_hi);
+  extent ex = perspective_extent(divide(c.x, c.z), tu.x, tv.x, tu.z, tv.z, w, view->fx_hi);
+  extent ey = perspective_extent(divide(c.y, c.z), tu.y, tv.y, tu.z, tv.z, w, view->fy_hi);
   if (ANY(~exact)) {
     reals z_low = at_least(c.z - reach, view->near), z_high = c.z + reach;
     reals x_origin = s.pixel_x - view->cx_hi + s.offset_x, y_origin = s.pixel_y - view->cy_hi + s.offset_y;
-    extent nx = near_extent(c.x, sqrt(tu.x * tu.x + tv.x * tv.x), z_low, z_high, x_origin, view->fx_hi);
-    extent ny = near_extent(c.y, sqrt(tu.y * tu.y + tv.y * tv.y), z_low, z_high, y_origin, view->fy_hi);
+    extent nx = near_extent(c.x, square_root(tu.x * tu.x + tv.x * tv.x), z_low, z_high, x_origin, view->fx_hi);
+    extent ny = near_extent(c.y, square_root(tu.y * tu.y + tv.y * tv.y), z_low, z_high, y_origin, view->fy_hi);
     ex.middle = SELECT(nx.middle, ex.middle, exact);
     ex.reach = SELECT(nx.reach, ex.reach, exact);
     ey.middle = SELECT(ny.middle, ey.middle, exact);
@@ -204,7 +203,7 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   }
 #endif
   reals size = SELECT(ey.reach, ex.reach, MASK(ex.reach > ey.reach));
-  reals slack = size * (SLACK_SIZE + SLACK_TILT * (distance / magnitude(facing_dot))) + SLACK_PIXELS;
+  reals slack = size * (SLACK_SIZE + SLACK_TILT * divide(distance, magnitude(facing_dot))) + SLACK_PIXELS;
   masks hittable = ~edge_on & MASK(c.z + reach >= view->near * R(0.99999)) & MASK(c.z - reach <= view->far * R(1.00001));
   reals x_low = SELECT(NOWHERE, ex.middle - ex.reach - slack, hittable);
   reals x_high = SELECT(-NOWHERE, ex.middle + ex.reach + slack, hittable);

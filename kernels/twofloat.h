@@ -1,6 +1,6 @@
 // Twice the precision by unevaluated sums (Dekker 1971): value = hi + lo, |lo| <= ulp(hi)/2.
 // The projected centre needs it: a float's rounding of c moves it by 5e-5 pixels at 512, and every r with it.
-// Needs arithmetic.h.
+// Part of arithmetic.h.
 
 typedef struct { reals hi, lo; } twofloat;
 
@@ -14,8 +14,8 @@ static inline twofloat two_sum(reals a, reals b)  // exact: a + b = hi + lo (Knu
 
 static inline twofloat two_product(reals a, reals b)  // exact: a * b = hi + lo; split, since fma is slow on some CPUs
 {
-  reals a1 = AS_REALS(AS_BITS(a) & (bits)SPLIT_MASK), a2 = a - a1;
-  reals b1 = AS_REALS(AS_BITS(b) & (bits)SPLIT_MASK), b2 = b - b1;
+  reals a1 = AS_REALS((AS_BITS(a) + (bits)SPLIT_HALF) & (bits)SPLIT_MASK), a2 = a - a1;
+  reals b1 = AS_REALS((AS_BITS(b) + (bits)SPLIT_HALF) & (bits)SPLIT_MASK), b2 = b - b1;
   reals p = a * b;
   twofloat r = {p, ((a1 * b1 - p) + a1 * b2 + a2 * b1) + a2 * b2};
   return r;
@@ -35,7 +35,7 @@ static inline twofloat two_multiply(twofloat a, twofloat b)
 
 static inline twofloat two_divide(twofloat a, twofloat b)
 {
-  reals inverse = R(1.0) / b.hi;
+  reals inverse = divide(R(1.0), b.hi);
   reals q = a.hi * inverse;
   twofloat p = two_product(q, b.hi);
   reals remainder = (((a.hi - p.hi) - p.lo) + a.lo) - q * b.lo;

@@ -27,7 +27,7 @@ kernel void visibility(global const ProjectedSplat *records, global const int *t
         const hit h = intersect(&s, tile_x + bx * BLOCK_X, tile_y + by * BLOCK_Y);
         if (!ANY(h.inside)) continue;
         const int b = by * BLOCKS_X + bx;
-        const reals z = hit_depth(&s, &h, R(1.0) / h.den);
+        const reals z = hit_depth(&s, &h, divide(R(1.0), h.den));
         const masks closer = h.inside & MASK(z < z_min[b]) & MASK(z >= near) & MASK(z <= far);
         z_min[b] = SELECT(z_min[b], z, closer);
         front[b] = (front[b] & ~UINT_MASK(closer)) | (s.id & UINT_MASK(closer));

@@ -12,7 +12,7 @@ static inline reals weight_of(reals r2, real falloff, constant real *table, int 
 #elif KERNEL == CONSTANT
   return (reals)R(1.0);
 #else
-  const reals place = sqrt(at_most(at_least(r2, R(0.0)), R(1.0))) * (real)(table_size - 1);
+  const reals place = square_root(at_most(at_least(r2, R(0.0)), R(1.0))) * (real)(table_size - 1);
   reals weight;
   for (int lane = 0; lane < LANES; ++lane) {
     const real x = ((const real *)&place)[lane];
