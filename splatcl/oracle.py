@@ -7,7 +7,7 @@ The margin
 Where a decision is nearly a tie, a float32 renderer may decide it otherwise than this one. Each decision has
 a signed margin, (distance from flipping) / (2^-24 scale), positive where it accepts; `scale` is, to first
 order, the rounding error of a float32 evaluation relative to the projected centre, in units of 2^-24. With
-s = ((x-cx)/fx, (y-cy)/fy, 1), s_c the same at the projected centre, e_i = |s_i - s_c,i| + 2^-23 pixels,
+s = ((x-cx)/fx, (y-cy)/fy, 1), s_c the same at the projected centre, e_i = |s_i - s_c,i| + 2 pixels (2^-24 times that is its error),
 den = g.s / g.s_c, A = a / g.s_c, B = b / g.s_c and G = g / g.s_c:
 
 - r3^2 <= 1 and z > 0:  den - |(A.s, B.s)| >= 0, scale sum_i (|A_i| + |B_i| + |G_i|) e_i + 1 + kappa;
@@ -21,7 +21,8 @@ den = g.s / g.s_c, A = a / g.s_c, B = b / g.s_c and G = g / g.s_c:
 
 kappa = max(|t_u|, |t_v|)^2 / |t_u x t_v| / |cos| is the relative error of g.s_c (of a circle, 1/|cos|).
 Conditions that hold together (r3^2 <= 1, z in [near, far], not edge-on, not culled) have the least of their
-signed margins, so a splat lowers the margin only of pixels that it touches or nearly touches.
+signed margins, so a splat lowers the margin only of pixels that it touches or nearly touches; a disc wholly and
+clearly outside [near, far] lowers none.
 """
 
 from __future__ import annotations
@@ -397,6 +398,7 @@ class _Hits:
     """Arrays are (P, N), or (N,) for one pixel each."""
 
     r_squared: Array  # r3^2; +inf where the disc is missed or z is out of range
+    r: Array  # of the plane's point, whether or not it counts
     z: Array  # meaningful where r_squared <= 1
     scale_z: Array
     scale_r: Array  # of den - |(A.s, B.s)|, over den: of r3
@@ -426,8 +428,16 @@ def _discs(projected: ProjectedSplats, camera: Camera) -> _Discs:
         d_center = np.abs(c_g / c[:, 2]) if camera.projection == "perspective" else np.abs(g[:, 2])
         kappa = longest / np.linalg.norm(g, axis=1) / cosine
     usable_margin = np.minimum((cosine - EDGE_ON) / (UNIT * cosine_scale), projected.facing_margin)
+    usable_margin[_out_of_range(projected, camera)] = -np.inf
     usable = (cosine > EDGE_ON) & ~projected.culled
     return _Discs(forms, _s_center(c, camera), d_center, kappa, usable, usable_margin)
+
+
+def _out_of_range(projected: ProjectedSplats, camera: Camera) -> Array:
+    """(N,) whether the whole disc is outside [near, far] by over a thousandth of its distance."""
+    z, reach = projected.center_eye[:, 2], np.hypot(projected.tangent_u_eye[:, 2], projected.tangent_v_eye[:, 2])
+    clearly = 1e-3 * (np.linalg.norm(projected.center_eye, axis=1) + reach)
+    return (z + reach + clearly < camera.near) | (z - reach - clearly > camera.far)
 
 
 def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
@@ -440,8 +450,8 @@ def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
         hit = discs.usable & (d > 0) & (z >= camera.near) & (z <= camera.far)
         r_squared = np.where(hit, (size / d) ** 2, np.inf)
 
-        e_x = np.abs(s_x - discs.s_center[:, 0]) + discs.offset_error * UNIT / camera.fx
-        e_y = np.abs(s_y - discs.s_center[:, 1]) + discs.offset_error * UNIT / camera.fy
+        e_x = np.abs(s_x - discs.s_center[:, 0]) + discs.offset_error / camera.fx
+        e_y = np.abs(s_y - discs.s_center[:, 1]) + discs.offset_error / camera.fy
         u_abs, v_abs, z_abs, d_abs = np.abs(discs.forms)
         uvd_abs, steep = u_abs + v_abs + d_abs, 1 + discs.kappa
         scale_r = uvd_abs[0] * e_x + uvd_abs[1] * e_y + steep * discs.d_center
@@ -450,7 +460,8 @@ def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
         scale_z = (np.abs(z) * error_d + error_z) / np.abs(d) + TINY
         margin = np.fmin((d - size) / (UNIT * scale_r), _range_margin(z, scale_z, camera))
         scale_r /= np.abs(d)
-    return _Hits(r_squared, z, scale_z, scale_r, np.fmin(margin, discs.usable_margin))
+        r = size / np.abs(d)
+    return _Hits(r_squared, r, z, scale_z, scale_r, np.fmin(margin, discs.usable_margin))
 
 
 def _range_margin(z: Array, scale: Array, camera: Camera) -> Array:

@@ -49,11 +49,11 @@ def with_noise(rng, splats, view):
 
 @pytest.mark.parametrize(("pixels", "shift"), [(9.6, 0.0), (2.0**-20, 2.0**-21)])
 def test_margin_of_a_facing_disc(pixels, shift):
-    """A = 1 / radius, G = 0, kappa = 1: |1 - r| over (|dx| + |dy| + 2^-22) / radius + 2, in 2^-24."""
+    """A = 1 / radius, G = 0, kappa = 1: |1 - r| over (|dx| + |dy| + 4) / radius + 2, in 2^-24."""
     view = camera(33, cx=16.5 - shift)
     margin = render(discs(facing_disc(2.0, pixels / 16)), view)["margin"]
     dx, dy = np.abs(np.moveaxis(rays(view), -1, 0)) * 32
-    expected = np.abs(1 - np.hypot(dx, dy) / pixels) / (UNIT * ((dx + dy + 2.0**-22) / pixels + 2))
+    expected = np.abs(1 - np.hypot(dx, dy) / pixels) / (UNIT * ((dx + dy + 4.0) / pixels + 2))
     edge_on = (1 - 2.0**-16) / 4 / UNIT
     assert_allclose(margin, np.where(dx**2 + dy**2 <= pixels**2, np.minimum(expected, edge_on), expected), rtol=1e-6)
 
@@ -78,7 +78,7 @@ def test_margin_of_a_tilted_ellipse_is_the_one_defined(projection):
     here = forms(view)
     step_x = forms(dataclasses.replace(view, cx=view.cx - view.fx)) - here
     step_y = forms(dataclasses.replace(view, cy=view.cy - view.fy)) - here
-    e_x, e_y = np.moveaxis(np.abs(rays(view)) + 2.0**-23 / 12, -1, 0)
+    e_x, e_y = np.moveaxis(np.abs(rays(view)) + 2.0 / 12, -1, 0)
     change = np.abs(step_x) * e_x + np.abs(step_y) * e_y
     den, z = here[2], here[3]
     signed_r = (den - np.hypot(*here[:2])) / (change[:3].sum(axis=0) + 1 + kappa) / UNIT
@@ -100,7 +100,7 @@ def test_margin_of_a_prefilter_and_of_its_disc_together():
     expected = np.abs(1 - r**2) / (UNIT * (2 * r**2 + 8 * r / 1.5))
     radius = 32 * 1e-4 / 2
     dx, dy = np.abs(np.moveaxis(rays(view), -1, 0)) * 32
-    disc = np.abs(1 - np.hypot(dx, dy) / radius) / (UNIT * ((dx + dy + 2.0**-22) / radius + 2))
+    disc = np.abs(1 - np.hypot(dx, dy) / radius) / (UNIT * ((dx + dy + 4.0) / radius + 2))
     assert_allclose(image["margin"], np.minimum(expected, disc), rtol=1e-6)
 
 
