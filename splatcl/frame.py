@@ -5,13 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import NDArray
 
 from splatcl.camera import Camera
 from splatcl.errors import FileError, SplatclError
 from splatcl.settings import RenderSettings
+
+if TYPE_CHECKING:
+    from splatcl.render import Renderer, Resident
+    from splatcl.splats import Splats
 
 OUTPUT_FORMATS = (".exr", ".png")
 
@@ -43,6 +47,7 @@ class Frame:
         self.camera = camera
         self.settings = settings
         self.metadata = dict(metadata or {})
+        self.rendered_from: tuple[Renderer, Splats | Resident] | None = None
 
     @property
     def width(self) -> int:
@@ -108,6 +113,14 @@ class Frame:
         else:
             write_exr(path, self)
 
+    def origin(self, purpose: str) -> tuple[Renderer, Splats | Resident]:
+        """Return the renderer and the splats that the frame was rendered with; `purpose` is what for."""
+        if self.rendered_from is None:
+            raise SplatclError(
+                f"cannot {purpose} this frame: it was read or unpickled and has no splats; render it again"
+            )
+        return self.rendered_from
+
     def _repr_png_(self) -> bytes:
         from splatcl.io.png import encode_png
 
@@ -117,7 +130,11 @@ class Frame:
         return f"<Frame {self.width}x{self.height}: {', '.join(self._aovs)}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_aovs": {name: self._aovs[name] for name in self._aovs}}
+        return {
+            **self.__dict__,
+            "_aovs": {name: self._aovs[name] for name in self._aovs},
+            "rendered_from": None,
+        }
 
 
 def output_format(path: str | os.PathLike[str]) -> str:

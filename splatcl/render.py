@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from splatcl.splats import Splats
 from splatcl.worker import worker
 
 TILE_SIZES = (8, 16, 32, 64)
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,13 @@ class Resident:
     splats: Splats
     auto_epsilon: float
     _on_device: dict[Precision, ResidentSplats] = field(default_factory=dict, repr=False)
+
+    def epsilon(self, settings: RenderSettings) -> float:
+        """Return the depth tolerance, scene units."""
+        return self.auto_epsilon if settings.epsilon == "auto" else settings.epsilon
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_on_device": {}}
 
 
 class Renderer:
@@ -72,39 +80,61 @@ class Renderer:
 
     def render(self, splats: Splats | Resident, camera: Camera, settings: RenderSettings | None = None) -> Frame:
         """Render one frame; see `render`."""
-        resident = splats if isinstance(splats, Resident) else self.upload(splats)
+        resident = self.resident(splats)
         settings = pipeline.effective_settings(settings or RenderSettings(), resident.splats.oriented)
-        epsilon = resident.auto_epsilon if settings.epsilon == "auto" else settings.epsilon
+        frame = self.call(_render, resident, camera, settings)
+        frame.rendered_from = (self, splats)
+        return frame
+
+    def resident(self, splats: Splats | Resident) -> Resident:
+        """Return `splats` as they are, or for one render only."""
+        return splats if isinstance(splats, Resident) else self.upload(splats)
+
+    def call(self, function: Callable[..., Result], *args: Any) -> Result:
+        """Return ``function(renderer, *args)``, run here, or in the worker of a process that was forked."""
         if self._device is None or forked():
-            return worker().render(self._arguments, resident.splats, camera, settings)
-        if settings.precision == "double" and not self.supports_double:
-            raise DeviceError(f"{self._device.info.name} has no double precision; choose another device")
-        passes = Passes(self._device, camera, settings, self._arguments[1], settings.precision)
+            return worker().call(self._arguments, function, *args)
         with self._device.lock:
-            if settings.precision not in resident._on_device:
-                resident._on_device[settings.precision] = pipeline.upload(
-                    self._device, resident.splats, settings.precision
-                )
-            on_device = resident._on_device[settings.precision]
-            view = passes.view(on_device.origin)
-            projected = pipeline.project(passes, view, on_device)
-            depth = DepthBuffer(passes.image(), passes.image(dtype="u4"))
-            gbuffer = GBuffer(
-                passes.image(), passes.image(3), passes.image(3), passes.image(), passes.image(dtype="u4")
-            )
-            for lists in pipeline.bin(passes, projected):
-                pipeline.visibility(passes, lists, depth)
-                pipeline.attributes(passes, view, lists, depth, epsilon, gbuffer)
-            color = pipeline.shade(passes, view, depth, gbuffer)
-            aovs = DeviceAovs(passes, view, depth, gbuffer, color)
-        metadata = {
-            "epsilon": epsilon,
-            "num_splats": len(resident.splats),
-            "num_dropped": resident.splats.num_dropped,
-            "notes": list(resident.splats.notes),
-            "device": f"{self._device.info.version}, {self._device.info.name}",
-        }
-        return Frame(aovs, camera, settings, metadata)
+            return function(self, *args)
+
+    @property
+    def device(self) -> DeviceQueue:
+        """The queue that everything runs on. For functions given to `call`."""
+        assert self._device
+        return self._device
+
+    def prepare(self, resident: Resident, camera: Camera, settings: RenderSettings) -> tuple[Passes, ResidentSplats]:
+        """Return what every pass of one frame needs, and the splats on the device. For functions given to `call`."""
+        device = self.device
+        if settings.precision == "double" and not self.supports_double:
+            raise DeviceError(f"{device.info.name} has no double precision; choose another device")
+        on_device = resident._on_device
+        if settings.precision not in on_device:
+            on_device[settings.precision] = pipeline.upload(device, resident.splats, settings.precision)
+        passes = Passes(device, camera, settings, self._arguments[1], settings.precision)
+        return passes, on_device[settings.precision]
+
+
+def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> Frame:
+    passes, on_device = renderer.prepare(resident, camera, settings)
+    epsilon = resident.epsilon(settings)
+    view = passes.view(on_device.origin)
+    projected = pipeline.project(passes, view, on_device)
+    depth = DepthBuffer(passes.image(), passes.image(dtype="u4"))
+    gbuffer = GBuffer(passes.image(), passes.image(3), passes.image(3), passes.image(), passes.image(dtype="u4"))
+    for lists in pipeline.bin(passes, projected):
+        pipeline.visibility(passes, lists, depth)
+        pipeline.attributes(passes, view, lists, depth, epsilon, gbuffer)
+    color = pipeline.shade(passes, view, depth, gbuffer)
+    aovs = DeviceAovs(passes, view, depth, gbuffer, color)
+    metadata = {
+        "epsilon": epsilon,
+        "num_splats": len(resident.splats),
+        "num_dropped": resident.splats.num_dropped,
+        "notes": list(resident.splats.notes),
+        "device": f"{passes.device.info.version}, {passes.device.info.name}",
+    }
+    return Frame(aovs, camera, settings, metadata)
 
 
 class DeviceAovs(Mapping[str, NDArray[Any]]):

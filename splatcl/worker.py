@@ -1,7 +1,7 @@
 """Rendering for a process that was forked after OpenCL had started.
 
 An OpenCL runtime's threads do not survive a fork, and its device then waits for them for ever. Such a process
-sends its frames to a fresh interpreter of its own, over a pair of pipes.
+sends its work to a fresh interpreter of its own, over a pair of pipes.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from splatcl.errors import DeviceError
 
 
 class Worker:
-    """A fresh interpreter that renders frames; it ends when this process does."""
+    """A fresh interpreter that uses OpenCL; it ends when this process does."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -27,8 +27,8 @@ class Worker:
             stdout=subprocess.PIPE,
         )
 
-    def render(self, *job: Any) -> Any:
-        """Return the Frame for ``(renderer arguments, splats, camera, settings)``."""
+    def call(self, *job: Any) -> Any:
+        """Return the result for ``(renderer arguments, function, further arguments)``; see `Renderer.call`."""
         with self.lock:
             assert self.process.stdin and self.process.stdout
             try:
@@ -55,7 +55,7 @@ def worker() -> Worker:
 
 
 def main() -> None:
-    """Render the jobs that arrive on standard input until it closes."""
+    """Do the jobs that arrive on standard input until it closes."""
     from splatcl.render import Renderer
 
     jobs, results = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
@@ -63,13 +63,13 @@ def main() -> None:
     renderers: dict[Any, Renderer] = {}
     while True:
         try:
-            arguments, splats, camera, settings = pickle.load(jobs)
+            arguments, function, *rest = pickle.load(jobs)
         except EOFError:
             return
         try:
             if arguments not in renderers:
                 renderers[arguments] = Renderer(*arguments)
-            result: Any = renderers[arguments].render(splats, camera, settings)
+            result: Any = renderers[arguments].call(function, *rest)
         except Exception as error:
             result = error
         pickle.dump(result, results)
