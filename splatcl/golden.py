@@ -39,7 +39,7 @@ TABLE = (1.0, 0.875, 0.5625, 0.25, 0.0625)
 
 @dataclass(frozen=True)
 class GoldenScene:
-    """One image to render; a `tiny` one is 16x16 with five splats, for a device that is interpreted."""
+    """One image to render; a `tiny` one is 15x13 with twenty splats, for a device that is interpreted."""
 
     name: str
     splats: Splats
@@ -62,7 +62,7 @@ def scenes() -> tuple[GoldenScene, ...]:
         layers(),
         tiny_discs(),
     )
-    far, before, tiny_camera = camera(turn, z=4.0), camera(), camera(near=1.0, focal=30.0, size=(16, 16))
+    far, before, tiny_camera = camera(turn, z=4.0), camera(), camera(near=1.0, focal=30.0, size=(15, 13))
     flat = replace(far, projection="orthographic", fx=16.0, fy=15.0)
     tiny_flat = replace(tiny_camera, projection="orthographic", fx=10.0, fy=9.0)
     bounds = RenderSettings(0.25, prefilter_center="bounds", prefilter_radius=2.0, facing="flip")
@@ -223,12 +223,19 @@ def layers() -> Splats:
 
 
 def tiny_discs() -> Splats:
-    """Return five discs before the eye at z = 0: tilted, sub-pixel, edge-on, across the near plane, large behind."""
-    center = [[0.25, 0, 3], [-0.5, 0.25, 3], [0, -0.25, 3], [0.25, 0.25, 0.75], [0, 0, 3.0625]]
-    u = [[0.25, 0, 0.125], [0.00390625, 0, 0], [0.25, 0, 0], [0.125, 0, 0.75], [0.5, 0, -0.25]]
-    v = [[0, -0.1875, 0.125], [0, -0.00390625, 0], [0, -0.03125, 0.375], [0, 0.25, 0], [0.0625, 0.375, 0.125]]
-    color = 0.5 + 0.5 * random_numbers(6, 5, 3)
-    return _splats(np.array(center), np.array(u), np.array(v), color)
+    """Return twenty discs before the eye at z = 0: five kinds, which the comments name, in four places."""
+    kinds = np.array(
+        [
+            [[0.25, 0, 3], [0.25, 0, 0.125], [0, -0.1875, 0.125]],  # tilted
+            [[-0.5, 0.25, 3], [0.00390625, 0, 0], [0, -0.00390625, 0]],  # below a pixel
+            [[0, -0.25, 3], [0.25, 0, 0], [0, -0.03125, 0.375]],  # edge-on
+            [[0.25, 0.25, 0.75], [0.125, 0, 0.75], [0, 0.25, 0]],  # across the near plane
+            [[0, 0, 3.0625], [0.5, 0, -0.25], [0.0625, 0.375, 0.125]],  # large, behind the others
+        ]
+    )
+    discs = np.tile(kinds, (4, 1, 1))
+    discs[:, 0, :2] += 0.25 * random_numbers(6, 20, 2)
+    return _splats(discs[:, 0], discs[:, 1], discs[:, 2], 0.5 + 0.5 * random_numbers(7, 20, 3))
 
 
 def _splats(*columns: Any) -> Splats:
