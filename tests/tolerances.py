@@ -123,6 +123,9 @@ DEPTH_BY_HAND = 3e-7
 WEIGHT_BY_HAND = 2e-7
 """The kernels' own exponential: about one unit in the last place, and r^2 exact."""
 
+EXPONENTIAL_ULPS = 1.5
+"""Relative error of the kernels' exponential, in machine epsilons."""
+
 CONSTANT_COLOR_ULPS = 8.0
 """Resolved constant colour: the rounding errors of two sums of about fifty terms do not cancel (seen: 6)."""
 
@@ -140,12 +143,12 @@ MASKED_SCAN = 0.001
 MASKED_DENSE_SCAN = 0.03
 """The same with up to fifty fragments per pixel, any of which may be nearly tied (seen: 2.5 %)."""
 
-ID_UNITS = 4.0
-"""Margin of which splat is front-most: it is relative to the sum of the two depths' error scales, and depths of
-ordinary splats err by less than 3 of those (seen: flips up to 1.65)."""
+ID_UNITS = 2.0
+"""Margin of which splat is front-most, on scans: it is relative to the sum of the two depths' error scales, and depths
+of ordinary splats err by less (seen: flips up to 1.1)."""
 
-MASKED_ID = 0.002
-"""Largest share of covered pixels whose front-most splat may be left out, scans of points (seen: 0.15 %)."""
+MASKED_ID = 0.001
+"""Largest share of covered pixels whose front-most splat may be left out, scans of points (seen: 0.087 %)."""
 
 MASKED_ID_MESH = 0.08
 """The same for meshes (seen: 6.4 %): splats of one triangle are coplanar and tie exactly wherever they overlap."""
