@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scenes import random_ellipses
-from tolerances import CONSTANT_COLOR_ULPS, DEPTH_BY_HAND, WEIGHT_BY_HAND
+from tolerances import CONSTANT_COLOR_ULPS, DEPTH_BY_HAND, EXPONENTIAL_ULPS, WEIGHT_BY_HAND
 
 from splatcl import Camera, RenderSettings, Splats
 
@@ -136,6 +136,18 @@ def test_weight_at_the_centre_and_the_rim(renderer, projection, focal):
         settings = RenderSettings(epsilon=0.0, prefilter="none", cutoff=cutoff)
         rim = renderer.render(disc((0, 0, 4), 4.0), camera, settings)["weight"][8, 4]
         np.testing.assert_allclose(rim, np.exp(-(cutoff**2) / 2), rtol=WEIGHT_BY_HAND)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_the_exponential_along_a_radius(renderer, precision):
+    """w = exp(-cutoff^2 r^2 / 2) at r = k/64, where r^2 is exact: the exponential itself."""
+    camera = Camera(np.eye(4), 1, 1, 64.5, 0.5, 129, 1, projection="orthographic")
+    r_squared = (np.arange(-64, 65) / 64) ** 2
+    for cutoff in (1.0, 2.0, 3.0, 5.0, 8.0):
+        settings = RenderSettings(epsilon=0.0, prefilter="none", cutoff=cutoff, precision=precision)
+        weight = renderer.render(disc((0, 0, 4), 64.0), camera, settings)["weight"][0]
+        relative = EXPONENTIAL_ULPS * np.finfo(weight.dtype).eps
+        np.testing.assert_allclose(weight, np.exp(-(cutoff**2) * r_squared / 2), rtol=relative)
 
 
 def test_weights_of_a_table(renderer):
