@@ -21,7 +21,7 @@ from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
 Array = NDArray[Any]
-MAX_MARGIN = 1024.0
+MAX_MARGIN = 128.0
 """Margins are given up to this many units; what could flip beyond lies outside the pairs evaluated."""
 PAIRS_PER_BAND = 1 << 20
 """Splat-pixel pairs held in memory together (about 300 bytes each)."""
