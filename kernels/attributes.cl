@@ -1,5 +1,5 @@
 // Attribute pass: every fragment no farther than depth(p) + epsilon adds weight * attribute, in splat order.
-// A work-item takes one tile, streams its run again and keeps the tile's sums to itself.
+// A work-item takes one region of a tile, streams the tile's run again and keeps the region's sums to itself.
 
 #include "arithmetic.h"
 #include "ray.h"
@@ -14,18 +14,17 @@ kernel void attributes(constant View *view, global const ProjectedSplat *records
                        global const real *depth, global real *weight_sum, global real *color_sum,
                        global real *normal_sum, global real *depth_sum, global uint *count)
 {
-  const int tile = first_tile + get_global_id(0);
-  const int tile_x = tile % tiles_x * TILE, tile_y = tile / tiles_x * TILE;
-  const int begin = tile_begin[get_global_id(0)], end = tile_begin[get_global_id(0) + 1];
+  const region w = region_of(get_global_id(0), first_tile, tiles_x);
+  const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
   const int width = view->width, height = view->height;
   const real near = view->near, far = view->far;
-  sums tile_sums[BLOCKS];
+  sums region_sums[BLOCKS];
   reals farthest[BLOCKS];
   for (int b = 0; b < BLOCKS; ++b) {
-    tile_sums[b] = (sums){0};
+    region_sums[b] = (sums){0};
     for (int lane = 0; lane < LANES; ++lane) {
-      const int x = tile_x + b % BLOCKS_X * BLOCK_X + lane % BLOCK_X;
-      const int y = tile_y + b / BLOCKS_X * BLOCK_Y + lane / BLOCK_X;
+      const int x = w.x + b % BLOCKS_X * BLOCK_X + lane % BLOCK_X;
+      const int y = w.y + b / BLOCKS_X * BLOCK_Y + lane / BLOCK_X;
       ((real *)farthest)[b * LANES + lane] =
           x < width && y < height
               ? farthest_accepted(view, x, y, depth[(long)y * width + x], epsilon, along_ray)
@@ -35,24 +34,24 @@ kernel void attributes(constant View *view, global const ProjectedSplat *records
   for (int i = begin; i < end; ++i) {
     const ProjectedSplat s = records[i];
     const SplatAttributes a = splat_attributes[i];
-    const block_range r = blocks_of(&s, tile_x, tile_y);
+    const block_range r = blocks_of(&s, &w);
     for (int by = r.y_first; by <= r.y_last; ++by)
       for (int bx = r.x_first; bx <= r.x_last; ++bx) {
-        const hit h = intersect(&s, tile_x + bx * BLOCK_X, tile_y + by * BLOCK_Y);
+        const hit h = intersect(&s, w.x + bx * BLOCK_X, w.y + by * BLOCK_Y);
         const fragment f = filter(&s, &a, &h, near, far, inverse_radius2);
         const int b = by * BLOCKS_X + bx;
         const masks accepted = f.exists & MASK(f.z <= farthest[b]);
         if (!ANY(accepted)) continue;
-        accumulate(&tile_sums[b], &a, &f, accepted, weight_of(f.r2, falloff, table, table_size));
+        accumulate(&region_sums[b], &a, &f, accepted, weight_of(f.r2, falloff, table, table_size));
       }
   }
   for (int b = 0; b < BLOCKS; ++b)
     for (int lane = 0; lane < LANES; ++lane) {
-      const int x = tile_x + b % BLOCKS_X * BLOCK_X + lane % BLOCK_X;
-      const int y = tile_y + b / BLOCKS_X * BLOCK_Y + lane / BLOCK_X;
+      const int x = w.x + b % BLOCKS_X * BLOCK_X + lane % BLOCK_X;
+      const int y = w.y + b / BLOCKS_X * BLOCK_Y + lane / BLOCK_X;
       if (x >= width || y >= height) continue;
       const long p = (long)y * width + x;
-      const real *t = (const real *)&tile_sums[b] + lane;
+      const real *t = (const real *)&region_sums[b] + lane;
       weight_sum[p] = t[0];
       color_sum[3 * p] = t[LANES];
       color_sum[3 * p + 1] = t[2 * LANES];
@@ -61,6 +60,6 @@ kernel void attributes(constant View *view, global const ProjectedSplat *records
       normal_sum[3 * p + 1] = t[5 * LANES];
       normal_sum[3 * p + 2] = t[6 * LANES];
       depth_sum[p] = t[7 * LANES];
-      count[p] = ((const uint *)&tile_sums[b].count)[lane];
+      count[p] = ((const uint *)&region_sums[b].count)[lane];
     }
 }

@@ -245,6 +245,7 @@ kernel void project(constant View *view, global const real *center, global const
   const int chunk = get_global_id(0);
   const int begin = chunk * chunk_size, end = min(begin + chunk_size, num_splats);
   global int *counts = tile_counts + (long)chunk * num_tiles;
+  for (int tile = 0; tile < num_tiles; ++tile) counts[tile] = 0;
   int survivors = begin;
   for (int i = begin; i < end; i += LANES) {
     projected s = project_splats(view, load3(center, stride, i), load3(tangent_u, stride, i), load3(tangent_v, stride, i));

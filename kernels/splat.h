@@ -1,8 +1,9 @@
 // One splat under one block of pixels: written once, used by the visibility and the attribute pass, so that
 // both decide coverage and depth with the same bits. Needs arithmetic.h and the build options
-// TILE, ORTHOGRAPHIC, PREFILTER.
+// TILE, REGION, ORTHOGRAPHIC, PREFILTER.
 
-// A block is LANES pixels; a work-item's tile of TILE x TILE pixels is BLOCKS_X x BLOCKS_Y blocks.
+// A block is LANES pixels. A work-item takes a region of REGION x REGION pixels, BLOCKS_X x BLOCKS_Y blocks: a
+// whole tile of TILE x TILE, which suits a CPU, or one pixel of it (REGION 1, LANES 1), which suits a GPU.
 #if LANES == 1
 #define BLOCK_X 1
 #define BLOCK_Y 1
@@ -19,19 +20,34 @@
 #define LANE_X ((reals)(0, 1, 2, 3, 0, 1, 2, 3))
 #define LANE_Y ((reals)(0, 0, 0, 0, 1, 1, 1, 1))
 #endif
-#define BLOCKS_X (TILE / BLOCK_X)
-#define BLOCKS_Y (TILE / BLOCK_Y)
+#define BLOCKS_X (REGION / BLOCK_X)
+#define BLOCKS_Y (REGION / BLOCK_Y)
 #define BLOCKS (BLOCKS_X * BLOCKS_Y)
+#define REGIONS_X (TILE / REGION)  // of one tile
+#define REGIONS (REGIONS_X * REGIONS_X)
 
-// The blocks of the tile at (tile_x, tile_y) that a record's bounds touch, ends included.
+// The region of a work-item: its tile's run of records, and its first pixel.
+typedef struct {
+  int run, x, y;
+} region;
+
+static inline region region_of(int item, int first_tile, int tiles_x)
+{
+  const int tile = first_tile + item / REGIONS, part = item % REGIONS;
+  region w = {item / REGIONS, tile % tiles_x * TILE + part % REGIONS_X * REGION,
+              tile / tiles_x * TILE + part / REGIONS_X * REGION};
+  return w;
+}
+
+// The blocks of a region that a record's bounds touch, ends included.
 typedef struct {
   int x_first, x_last, y_first, y_last;
 } block_range;
 
-static inline block_range blocks_of(const ProjectedSplat *s, int tile_x, int tile_y)
+static inline block_range blocks_of(const ProjectedSplat *s, const region *w)
 {
-  block_range r = {max(s->x_min - tile_x, 0) / BLOCK_X, min(s->x_max - tile_x, TILE - 1) / BLOCK_X,
-                   max(s->y_min - tile_y, 0) / BLOCK_Y, min(s->y_max - tile_y, TILE - 1) / BLOCK_Y};
+  block_range r = {max(s->x_min - w->x, 0) / BLOCK_X, min(s->x_max - w->x, REGION - 1) / BLOCK_X,
+                   max(s->y_min - w->y, 0) / BLOCK_Y, min(s->y_max - w->y, REGION - 1) / BLOCK_Y};
   return r;
 }
 

@@ -1,5 +1,5 @@
 // Visibility pass: depth(p) = min z over splats whose disc the pixel's ray hits, and which splat that was.
-// A work-item takes one tile and streams its run; the pre-filter takes no part.
+// A work-item takes one region of a tile and streams the tile's run; the pre-filter takes no part.
 
 #include "arithmetic.h"
 #include "splat.h"
@@ -10,9 +10,8 @@ kernel void visibility(global const ProjectedSplat *records, global const int *t
                        const int tiles_x, const int width, const int height, const real near, const real far,
                        global real *depth, global uint *particleid)
 {
-  const int tile = first_tile + get_global_id(0);
-  const int tile_x = tile % tiles_x * TILE, tile_y = tile / tiles_x * TILE;
-  const int begin = tile_begin[get_global_id(0)], end = tile_begin[get_global_id(0) + 1];
+  const region w = region_of(get_global_id(0), first_tile, tiles_x);
+  const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
   reals z_min[BLOCKS];
   uints front[BLOCKS];
   for (int b = 0; b < BLOCKS; ++b) {
@@ -21,10 +20,10 @@ kernel void visibility(global const ProjectedSplat *records, global const int *t
   }
   for (int i = begin; i < end; ++i) {
     const ProjectedSplat s = records[i];
-    const block_range r = blocks_of(&s, tile_x, tile_y);
+    const block_range r = blocks_of(&s, &w);
     for (int by = r.y_first; by <= r.y_last; ++by)
       for (int bx = r.x_first; bx <= r.x_last; ++bx) {
-        const hit h = intersect(&s, tile_x + bx * BLOCK_X, tile_y + by * BLOCK_Y);
+        const hit h = intersect(&s, w.x + bx * BLOCK_X, w.y + by * BLOCK_Y);
         if (!ANY(h.inside)) continue;
         const int b = by * BLOCKS_X + bx;
         const reals z = hit_depth(&s, &h, divide(R(1.0), h.den));
@@ -35,10 +34,10 @@ kernel void visibility(global const ProjectedSplat *records, global const int *t
   }
   const real *z_lanes = (const real *)z_min;
   const uint *front_lanes = (const uint *)front;
-  for (int i = 0; i < TILE * TILE; ++i) {
+  for (int i = 0; i < REGION * REGION; ++i) {
     const int block = i / LANES, lane = i % LANES;
-    const int x = tile_x + block % BLOCKS_X * BLOCK_X + lane % BLOCK_X;
-    const int y = tile_y + block / BLOCKS_X * BLOCK_Y + lane / BLOCK_X;
+    const int x = w.x + block % BLOCKS_X * BLOCK_X + lane % BLOCK_X;
+    const int y = w.y + block / BLOCKS_X * BLOCK_Y + lane / BLOCK_X;
     if (x >= width || y >= height) continue;
     depth[(long)y * width + x] = z_lanes[i];
     particleid[(long)y * width + x] = front_lanes[i];

@@ -10,12 +10,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.errors import DeviceError
+
+WorkItem = Literal["tile", "pixel"]
 
 FLAG_VARIABLES = ("PYOPENCL_BUILD_OPTIONS", "POCL_EXTRA_BUILD_FLAGS")
 """Environment variables that inject compiler flags, which could change the bits of an image."""
@@ -150,13 +152,13 @@ class Program:
             raise DeviceError(f"kernels/{name} does not build on this device:\n{error}") from None
         self.kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
 
-    def __call__(self, queue: Any, name: str, size: tuple[int, ...], *args: Any) -> None:
+    def __call__(self, queue: Any, name: str, size: tuple[int, ...], group: int, *args: Any) -> None:
         """Run kernel `name` over `size` work-items; nothing is run where that is empty.
 
-        One-dimensional work-items are whole tiles or chunks, one to a group; the runtime groups those of an image.
+        One-dimensional work-items come in groups of `group`; the runtime groups those of an image.
         """
         if all(size):
-            self.kernels[name](queue, size, (1,) if len(size) == 1 else None, *args)
+            self.kernels[name](queue, size, (group,) if len(size) == 1 else None, *args)
 
 
 def inline_source(name: str, options: Mapping[str, str | int]) -> str:
@@ -189,9 +191,13 @@ class DeviceQueue:
         As for `choose_device`.
     lanes : int, optional
         Pixels or splats per vector: 8 on a CPU, 1 elsewhere by default.
+    mapping : {"tile", "pixel"}, optional
+        What a work-item of the raster passes takes: a tile on a CPU, a pixel elsewhere by default.
     """
 
-    def __init__(self, device: str | int | None = None, lanes: int | None = None) -> None:
+    def __init__(
+        self, device: str | int | None = None, lanes: int | None = None, mapping: WorkItem | None = None
+    ) -> None:
         for variable in FLAG_VARIABLES:
             if os.environ.get(variable):
                 raise DeviceError(f"{variable} injects compiler flags, which can change an image; unset it")
@@ -199,7 +205,9 @@ class DeviceQueue:
         import pyopencl as cl
 
         handle = self.info.handle
-        self.lanes = lanes or (8 if handle.type & cl.device_type.CPU else 1)
+        is_cpu = bool(handle.type & cl.device_type.CPU)
+        self.mapping = mapping or ("tile" if is_cpu else "pixel")
+        self.lanes = lanes or (8 if is_cpu and self.mapping == "tile" else 1)
         try:
             self.context = cl.Context([handle])
             self.queue = cl.CommandQueue(self.context)
@@ -237,13 +245,6 @@ class DeviceQueue:
             del held
             self._scratch[name] = self.buffer(num_bytes)
         return self._scratch[name]
-
-    def clear(self, buffer: Any, num_bytes: int) -> None:
-        """Set the first `num_bytes` of `buffer` to zero."""
-        import pyopencl as cl
-
-        if num_bytes:
-            cl.enqueue_fill_buffer(self.queue, buffer, np.zeros(1, np.uint32), 0, num_bytes)
 
     def write(self, buffer: Any, array: NDArray[Any]) -> None:
         """Copy a contiguous `array` to the start of `buffer`."""

@@ -27,6 +27,8 @@ PLANE_PAD = 16
 """Planes of splats are padded to the widest vector, so that the last one may be read whole."""
 MAX_CHUNKS = 64
 MIN_CHUNK = 1024
+PIXEL_GROUP = 64
+"""Work-items per group where each takes one pixel; it must divide the smallest tile."""
 MAX_BAND_RECORDS = 8 << 20
 """Records of one band of tiles: 768 MiB in single precision; a single tile may need more."""
 FACING = {"keep": 0, "flip": 1, "cull": 2}
@@ -109,7 +111,7 @@ class Passes:
         self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
         self.num_pixels = camera.width * camera.height
 
-    def run(self, kernel: str, size: tuple[int, ...], *args: Any, **options: str | int) -> None:
+    def run(self, kernel: str, size: tuple[int, ...], *args: Any, group: int = 1, **options: str | int) -> None:
         """Run `kernel` of the file that its name begins with, built for this frame, over `size` work-items.
 
         Python integers become int, Python floats the frame's real. Vectors are at most 32 bytes: PoCL 3.0 aborts
@@ -128,7 +130,15 @@ class Passes:
             np.int32(a) if isinstance(a, int) else self.real.type(a) if isinstance(a, float) else a for a in args
         ]
         program = self.device.program(file, self.declarations, **(common | options))
-        program(self.device.queue, kernel, size, *converted)
+        program(self.device.queue, kernel, size, group, *converted)
+
+    def run_raster(self, kernel: str, lists: TileLists, *args: Any, **options: int) -> None:
+        """Run a raster pass over a band's tiles: a work-item per tile, or per pixel of each."""
+        if self.device.mapping == "tile":
+            size, group, region = lists.last_tile - lists.first_tile, 1, self.tile_size
+        else:
+            size, group, region = (lists.last_tile - lists.first_tile) * self.tile_size**2, PIXEL_GROUP, 1
+        self.run(kernel, (size,), *args, group=group, REGION=region, **options)
 
     def image(self, channels: int = 1, dtype: Any = None) -> Any:
         """Return a new image buffer of (H, W, channels)."""
@@ -199,7 +209,6 @@ def project(passes: Passes, view: Any, splats: ResidentSplats) -> ProjectedSplat
     attributes = device.scratch("attributes", splats.num_splats * passes.dtypes["SplatAttributes"].itemsize)
     num_survivors = device.scratch("num_survivors", num_chunks * 4)
     tile_counts = device.scratch("tile_counts", num_chunks * num_tiles * 4)
-    device.clear(tile_counts, num_chunks * num_tiles * 4)
     outputs = (records, attributes, num_survivors, tile_counts)
     passes.run(
         "project", (num_chunks,), view, splats.center, splats.tangent_u, splats.tangent_v, splats.color,
@@ -244,9 +253,9 @@ def bands(totals: NDArray[np.int32], max_records: int = MAX_BAND_RECORDS) -> Ite
 def visibility(passes: Passes, lists: TileLists, depth: DepthBuffer) -> None:
     """Fill the band's part of `depth`: the nearest disc of each pixel (kernels/visibility.cl)."""
     camera = passes.camera
-    passes.run(
-        "visibility", (lists.last_tile - lists.first_tile,), lists.records, lists.begin_buffer, lists.first_tile,
-        lists.tiles_x, camera.width, camera.height, camera.near, camera.far, depth.depth, depth.particleid,
+    passes.run_raster(
+        "visibility", lists, lists.records, lists.begin_buffer, lists.first_tile, lists.tiles_x, camera.width,
+        camera.height, camera.near, camera.far, depth.depth, depth.particleid,
     )  # fmt: skip
 
 
@@ -255,11 +264,10 @@ def attributes(
 ) -> None:
     """Fill the band's part of `gbuffer`: sums over fragments within `epsilon` of `depth` (kernels/attributes.cl)."""
     arguments, options = fragment_arguments(passes, epsilon)
-    passes.run(
-        "attributes", (lists.last_tile - lists.first_tile,), view, lists.records, lists.attributes,
-        lists.begin_buffer, lists.first_tile, lists.tiles_x, *arguments,
-        depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum, gbuffer.count,
-        **options,
+    passes.run_raster(
+        "attributes", lists, view, lists.records, lists.attributes, lists.begin_buffer, lists.first_tile,
+        lists.tiles_x, *arguments, depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum,
+        gbuffer.depth_sum, gbuffer.count, **options,
     )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from splatcl import pipeline
 from splatcl.camera import Camera
-from splatcl.device import DeviceQueue, forked
+from splatcl.device import DeviceQueue, WorkItem, forked
 from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
 from splatcl.pipeline import DepthBuffer, GBuffer, Passes, ResidentSplats
@@ -52,22 +52,35 @@ class Renderer:
         Pixels; changes speed only, never a bit of the image.
     lanes : {1, 4, 8}, optional
         Vector width; changes speed only. (PoCL 3.0 aborts on 16-wide arithmetic.)
+    mapping : {"tile", "pixel"}, optional
+        Whether a work-item of the raster passes takes a tile (the default on a CPU) or a pixel (elsewhere, and
+        then ``lanes`` is 1); changes speed only.
 
     Raises
     ------
     DeviceError
         No such device, or it does not start.
     SettingsError
-        A tile size or a number of lanes that the kernels do not have.
+        A tile size, a number of lanes or a mapping that the kernels do not have.
     """
 
-    def __init__(self, device: str | int | None = None, tile_size: int = 16, lanes: int | None = None) -> None:
+    def __init__(
+        self,
+        device: str | int | None = None,
+        tile_size: int = 16,
+        lanes: int | None = None,
+        mapping: WorkItem | None = None,
+    ) -> None:
         if tile_size not in TILE_SIZES:
             raise SettingsError(f"tile_size {tile_size} is not one of {TILE_SIZES}")
         if lanes not in (None, 1, 4, 8):
             raise SettingsError(f"lanes {lanes} is not 1, 4 or 8")
-        self._arguments = (device, tile_size, lanes)
-        self._device = None if forked() else DeviceQueue(device, lanes)
+        if mapping not in (None, "tile", "pixel"):
+            raise SettingsError(f"mapping {mapping!r} is neither 'tile' nor 'pixel'")
+        if mapping == "pixel" and lanes not in (None, 1):
+            raise SettingsError(f"mapping='pixel' needs lanes=1, not {lanes}")
+        self._arguments = (device, tile_size, lanes, mapping)
+        self._device = None if forked() else DeviceQueue(device, lanes, mapping)
 
     @property
     def supports_double(self) -> bool:
