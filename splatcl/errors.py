@@ -23,3 +23,7 @@ class CameraError(SplatclError):
 
 class SettingsError(SplatclError):
     """A render setting has no meaning or no such value."""
+
+
+class CheckError(RuntimeError):
+    """A render did not add up; this is a defect, not a user's mistake."""

@@ -14,6 +14,8 @@ from splatcl.errors import FileError, SplatclError
 from splatcl.settings import RenderSettings
 
 if TYPE_CHECKING:
+    from splatcl.accounting import Check
+    from splatcl.probe import Probe
     from splatcl.render import Renderer, Resident
     from splatcl.splats import Splats
 
@@ -113,11 +115,30 @@ class Frame:
         else:
             write_exr(path, self)
 
+    def probe(self, x: int, y: int) -> Probe:
+        """Explain a pixel: every splat that touches it or nearly does, and what became of it.
+
+        The frame keeps its splats for this. `SplatclError` says so where the pixel is outside the image, or the
+        frame has none: it was pickled or not rendered.
+        """
+        from splatcl.probe import probe
+
+        return probe(self, x, y)
+
+    def check(self) -> tuple[Check, ...]:
+        """Render again and account for every splat, record, fragment and colour; see docs/probe.md.
+
+        The results are also put into `metadata["checks"]`. `SplatclError` as for `probe`.
+        """
+        from splatcl.accounting import check
+
+        return check(self)
+
     def origin(self, purpose: str) -> tuple[Renderer, Splats | Resident]:
         """Return the renderer and the splats that the frame was rendered with; `purpose` is what for."""
         if self.rendered_from is None:
             raise SplatclError(
-                f"cannot {purpose} this frame: it was read or unpickled and has no splats; render it again"
+                f"cannot {purpose} a frame without its splats (it was read or unpickled); render it again"
             )
         return self.rendered_from
 

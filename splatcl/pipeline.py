@@ -250,6 +250,12 @@ def bands(totals: NDArray[np.int32], max_records: int = MAX_BAND_RECORDS) -> Ite
         first, done = last, int(ends[last - 1])
 
 
+def frame_buffers(passes: Passes) -> tuple[DepthBuffer, GBuffer]:
+    """Return the images that the raster passes fill."""
+    depth = DepthBuffer(passes.image(), passes.image(dtype="u4"))
+    return depth, GBuffer(passes.image(), passes.image(3), passes.image(3), passes.image(), passes.image(dtype="u4"))
+
+
 def visibility(passes: Passes, lists: TileLists, depth: DepthBuffer) -> None:
     """Fill the band's part of `depth`: the nearest disc of each pixel (kernels/visibility.cl)."""
     camera = passes.camera

@@ -133,8 +133,7 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
     epsilon = resident.epsilon(settings)
     view = passes.view(on_device.origin)
     projected = pipeline.project(passes, view, on_device)
-    depth = DepthBuffer(passes.image(), passes.image(dtype="u4"))
-    gbuffer = GBuffer(passes.image(), passes.image(3), passes.image(3), passes.image(), passes.image(dtype="u4"))
+    depth, gbuffer = pipeline.frame_buffers(passes)
     for lists in pipeline.bin(passes, projected):
         pipeline.visibility(passes, lists, depth)
         pipeline.attributes(passes, view, lists, depth, epsilon, gbuffer)

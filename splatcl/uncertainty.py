@@ -87,7 +87,7 @@ def margin(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
     projected = oracle.project(splats, camera, settings)
     for pairs in bands(splats, projected, camera, settings):
         f = fragments(pairs, projected, camera, settings, epsilon)
-        nearest, distance = _decisions(pairs, f)
+        nearest, distance = decisions(pairs, f)
         best = pairs.least(nearest)
         is_best = nearest == best[pairs.run]
         units[pairs.pixel] = np.minimum(best, MAX_MARGIN)
@@ -95,7 +95,7 @@ def margin(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
     return units.reshape(shape).astype(np.float32), raw.reshape(shape).astype(np.float32)
 
 
-def _decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
+def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
     """(K,) least margin, unsigned, of each pair's decisions, and the (K,) distance it stands for."""
     hit, filtered = f.hit_margin >= 0, f.filter_margin >= 0
     z = np.where(hit, f.hit_z, np.inf)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 from cyclopts import App, CycloptsError, Parameter
 
-from splatcl.errors import SplatclError
+from splatcl.errors import CheckError, SplatclError
 
 FAILED, MISTAKE, INTERRUPTED = 1, 2, 130
 
@@ -31,6 +31,7 @@ app = App(
 )
 COMMANDS = {
     "render": "Render a scan to an OpenEXR file, a PNG, or both.",
+    "probe": "Explain one pixel: every splat that touches it, and what became of it.",
     "info": "Say what a scan holds and what of it would be left out.",
     "devices": "List the OpenCL devices and mark the one that is used.",
 }
@@ -65,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _report(" ".join(str(error).split()), MISTAKE)
     except SplatclError as error:
         return _report(str(error), MISTAKE)
-    except (OSError, MemoryError) as error:
+    except (OSError, MemoryError, CheckError) as error:
         return _report(str(error) or "out of memory", FAILED)
     except KeyboardInterrupt:
         return INTERRUPTED

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -12,7 +13,7 @@ from cyclopts import Parameter
 from numpy.typing import ArrayLike
 
 from splatcl.camera import Camera, Projection
-from splatcl.errors import CameraError, SettingsError
+from splatcl.errors import CameraError, CheckError, SettingsError
 from splatcl.progress import stage
 from splatcl.settings import RenderSettings
 from splatcl.splats import OnInvalid, Splats
@@ -88,12 +89,24 @@ class View:
         return int(match[1]), int(match[2])
 
 
-def _framed(splats: Splats) -> Splats:
-    """Return the splats to frame, and say how many strays that leaves out."""
+def read_scan(
+    scan: Path, on_invalid: OnInvalid, view: View, camera: Camera | None, say: Callable[[str], None] = print
+) -> tuple[Splats, Camera]:
+    """Return the splats of a file, and `camera` or else one that frames them; `say` what was done."""
+    from splatcl import io
+
+    start = time.perf_counter()
+    with stage(f"Reading {scan.name}"):
+        splats = io.read(scan, on_invalid)
+    say(f"read {scan}: {len(splats)} splats in {_seconds_since(start)}")
+    for note in splats.notes:
+        say(f"note: {note}")
+    if camera:
+        return splats, camera
     framed = splats.without_outliers()
     if len(framed) < len(splats):
-        print(f"note: framed without {len(splats) - len(framed)} strays, which are rendered all the same")
-    return framed
+        say(f"note: framed without {len(splats) - len(framed)} strays, which are rendered all the same")
+    return splats, view.framing(framed.bounding_sphere, io.up_axis(scan))
 
 
 def axis_vector(axis: str) -> tuple[float, float, float]:
@@ -115,6 +128,7 @@ def render(
     on_invalid: OnInvalid = "error",
     device: str | None = None,
     tile_size: int = 16,
+    check: bool = False,
 ) -> None:
     """Render a scan to an OpenEXR file (every AOV), a PNG (the picture), or both.
 
@@ -134,22 +148,17 @@ def render(
         OpenCL device: an index of `splatcl devices`, or words of its name and version.
     tile_size : int
         Pixels; changes the speed, not the image.
+    check : bool
+        Render a second time and account for every splat, record, fragment and colour (docs/probe.md).
     """
     import splatcl
-    from splatcl import io
 
     outputs = check_outputs(output, png, exposure)
     view, settings = view or View(), settings or RenderSettings()
     camera = view.file_camera()
     renderer = splatcl.Renderer(device=device, tile_size=tile_size)
 
-    start = time.perf_counter()
-    with stage(f"Reading {scan.name}"):
-        splats = io.read(scan, on_invalid)
-    print(f"read {scan}: {len(splats)} splats in {_seconds_since(start)}")
-    for note in splats.notes:
-        print(f"note: {note}")
-    camera = camera or view.framing(_framed(splats).bounding_sphere, io.up_axis(scan))
+    splats, camera = read_scan(scan, on_invalid, view, camera)
 
     start = time.perf_counter()
     with stage("Rendering"):
@@ -159,7 +168,19 @@ def render(
     print(f"rendered {frame.width}x{frame.height} in {took}; splats cover {covered:.1%} of the image")
     print(f"device {frame.metadata['device']}")
     print(f"epsilon {frame.metadata['epsilon']:.6g}{' (auto)' if settings.epsilon == 'auto' else ''}")
+    failed = _check(frame) if check else []
     save(frame, outputs, exposure)
+    if failed:
+        raise CheckError(f"{', '.join(failed)}: the check failed; the image is not to be trusted")
+
+
+def _check(frame: Frame) -> list[str]:
+    """Account for the frame, a line for each check; return the names of those that failed."""
+    with stage("Checking"):
+        checks = frame.check()
+    for one in checks:
+        print(f"check {one}")
+    return [one.name for one in checks if not one.passed]
 
 
 def check_outputs(output: Path | None, png: Path | None, exposure: float) -> list[Path]:
