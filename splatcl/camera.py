@@ -158,7 +158,7 @@ class Camera:
         distance = np.linalg.norm(forward)
         right = np.cross(forward, upward)
         if not distance > 0 or not np.linalg.norm(right) > 1e-9 * distance * np.linalg.norm(upward):
-            raise CameraError(f"look_at: eye {eye}, target {target} and up {up} do not span a view")
+            raise CameraError(f"look_at: eye {eye!r}, target {target!r} and up {up!r} do not span a view")
         _check_fov(fov_y)
         z = forward / distance
         x = right / np.linalg.norm(right)
@@ -200,7 +200,7 @@ class Camera:
             raise CameraError(f"elevation {elevation} must be between -90 and 90 degrees, azimuth {azimuth} finite")
         _check_fov(fov_y)
         if not np.linalg.norm(upward) > 0:
-            raise CameraError(f"up {up} is not a direction")
+            raise CameraError(f"up {up!r} is not a direction")
         upward = upward / np.linalg.norm(upward)
         front = np.array([0.0, -1.0, 0.0]) if abs(upward[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
         front -= upward * (front @ upward)
@@ -225,5 +225,5 @@ def _vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
     except (TypeError, ValueError):
         vector = np.empty(0)
     if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise CameraError(f"{name} {value} is not three finite numbers")
+        raise CameraError(f"{name} {value!r} is not three finite numbers")
     return vector

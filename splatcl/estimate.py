@@ -210,7 +210,7 @@ def _tree(points: NDArray[np.float64]) -> tuple[Any, NDArray[np.float64], NDArra
 def _arrays(points: ArrayLike, normals: Any, color: Any, radius: Any) -> dict[str, NDArray[Any]]:
     """Return the given arrays as floats, checked for shape; `points` keeps float32 or float64."""
     given = {"points": points, "normals": normals, "color": color, "radius": radius}
-    arrays = {}
+    arrays: dict[str, NDArray[Any]] = {}
     for name, value in given.items():
         if value is None:
             continue

@@ -90,9 +90,15 @@ def splats_from_mesh(
     all_notes.append(f"covered {num_faces} triangles by their Steiner ellipses{halved}")
     center, tangent_u, tangent_v = steiner_ellipses(corners)
     dtype = np.result_type(np.asarray(vertices).dtype, np.float32)
-    arrays = [array.astype(dtype) for array in (center, tangent_u, tangent_v)]
-    mean = None if corner_color is None else corner_color.mean(axis=1).astype(np.float32)
-    return Splats(*arrays, mean, num_dropped=num_dropped, notes=tuple(all_notes), on_invalid=on_invalid)  # type: ignore[arg-type]
+    return Splats(
+        center.astype(dtype),
+        tangent_u.astype(dtype),
+        tangent_v.astype(dtype),
+        None if corner_color is None else corner_color.mean(axis=1).astype(np.float32),  # type: ignore[arg-type]
+        num_dropped=num_dropped,
+        notes=tuple(all_notes),
+        on_invalid=on_invalid,
+    )
 
 
 def steiner_ellipses(corners: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:

@@ -53,7 +53,7 @@ class Splats:
     center: NDArray[Any]
     tangent_u: NDArray[Any]
     tangent_v: NDArray[Any]
-    color: NDArray[Any] = field(default=None)  # type: ignore[assignment]
+    color: NDArray[Any] = field(default=None)  # type: ignore[arg-type]
     oriented: bool = True
     num_dropped: int = 0
     notes: tuple[str, ...] = ()

@@ -87,6 +87,8 @@ def inspect(path: str | os.PathLike[str]) -> Summary:
 
 
 def _skipped(model: Model) -> tuple[tuple[int, str], ...]:
+    kind: str
+    reasons: tuple[str, ...]
     if model.tangents is not None:
         kind, reasons = "splats", SPLAT_REASONS
         reason = invalid_splats(model.points, *model.tangents, _color(model))
