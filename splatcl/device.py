@@ -16,12 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.errors import DeviceError
+from splatcl.strict import Strictness
 
 WorkItem = Literal["tile", "pixel"]
-
-FLAG_VARIABLES = ("PYOPENCL_BUILD_OPTIONS", "POCL_EXTRA_BUILD_FLAGS")
-"""Environment variables that inject compiler flags, which could change the bits of an image."""
-
 
 _opened_by: int | None = None
 """The process that started OpenCL."""
@@ -193,14 +190,17 @@ class DeviceQueue:
         Pixels or splats per vector: 8 on a CPU, 1 elsewhere by default.
     mapping : {"tile", "pixel"}, optional
         What a work-item of the raster passes takes: a tile on a CPU, a pixel elsewhere by default.
+    allow_inexact : bool
+        Take a device whose arithmetic is not strict, or a compiler with injected flags (`Strictness`).
     """
 
     def __init__(
-        self, device: str | int | None = None, lanes: int | None = None, mapping: WorkItem | None = None
+        self,
+        device: str | int | None = None,
+        lanes: int | None = None,
+        mapping: WorkItem | None = None,
+        allow_inexact: bool = False,
     ) -> None:
-        for variable in FLAG_VARIABLES:
-            if os.environ.get(variable):
-                raise DeviceError(f"{variable} injects compiler flags, which can change an image; unset it")
         self.info = choose_device(device)
         import pyopencl as cl
 
@@ -217,6 +217,7 @@ class DeviceQueue:
         self.lock = threading.RLock()
         self._programs: dict[tuple[Any, ...], Program] = {}
         self._scratch: dict[str, Any] = {}
+        self.strictness = Strictness(self, allow_inexact)
 
     def program(self, name: str, prelude: str, **options: str | int) -> Program:
         """Return kernels/`name` built with `options`, from this queue's own store if it has been built."""

@@ -105,7 +105,7 @@ class Passes:
         precision: Precision,
     ) -> None:
         self.device, self.camera, self.settings, self.tile_size = device, camera, settings, tile_size
-        self.real = np.dtype(REAL[precision])
+        self.precision, self.real = precision, np.dtype(REAL[precision])
         self.dtypes, self.declarations = structs(device.info.handle, REAL[precision])
         self.tiles_x = -(-camera.width // tile_size)
         self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
@@ -121,8 +121,7 @@ class Passes:
             "LANES": min(self.device.lanes, 32 // self.real.itemsize),
             "DOUBLE": int(self.real == np.float64),
             "TILE": self.tile_size,
-            "EXACT_DIVIDE": 1,
-            "EXACT_SQRT": 1,
+            **self.device.strictness.options(self.precision),
             "ORTHOGRAPHIC": int(self.camera.projection == "orthographic"),
         }
         file = {"resolve": "shade.cl"}.get(kernel, kernel.split("_")[0] + ".cl")

@@ -55,11 +55,14 @@ class Renderer:
     mapping : {"tile", "pixel"}, optional
         Whether a work-item of the raster passes takes a tile (the default on a CPU) or a pixel (elsewhere, and
         then ``lanes`` is 1); changes speed only.
+    allow_inexact : bool
+        Render even if the device's arithmetic is not strict or the environment injects compiler flags; the frame's
+        metadata then says why the image is "inexact".
 
     Raises
     ------
     DeviceError
-        No such device, or it does not start.
+        No such device, it does not start, or it may not render references (`splatcl doctor`).
     SettingsError
         A tile size, a number of lanes or a mapping that the kernels do not have.
     """
@@ -70,6 +73,7 @@ class Renderer:
         tile_size: int = 16,
         lanes: int | None = None,
         mapping: WorkItem | None = None,
+        allow_inexact: bool = False,
     ) -> None:
         if tile_size not in TILE_SIZES:
             raise SettingsError(f"tile_size {tile_size} is not one of {TILE_SIZES}")
@@ -79,8 +83,10 @@ class Renderer:
             raise SettingsError(f"mapping {mapping!r} is neither 'tile' nor 'pixel'")
         if mapping == "pixel" and lanes not in (None, 1):
             raise SettingsError(f"mapping='pixel' needs lanes=1, not {lanes}")
-        self._arguments = (device, tile_size, lanes, mapping)
-        self._device = None if forked() else DeviceQueue(device, lanes, mapping)
+        self._arguments = (device, tile_size, lanes, mapping, allow_inexact)
+        self._device = None if forked() else DeviceQueue(device, lanes, mapping, allow_inexact)
+        if self._device is not None:
+            self._device.strictness.options("single")  # refuse the device now rather than at the first frame
 
     @property
     def supports_double(self) -> bool:
@@ -146,6 +152,8 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
         "notes": list(resident.splats.notes),
         "device": f"{passes.device.info.version}, {passes.device.info.name}",
     }
+    if inexact := passes.device.strictness.reason(settings.precision):
+        metadata["inexact"] = inexact
     return Frame(aovs, camera, settings, metadata)
 
 

@@ -27,8 +27,8 @@ class StubRenderer:
     calls: list
     made: dict
 
-    def __init__(self, device=None, tile_size=16):
-        type(self).made = {"device": device, "tile_size": tile_size}
+    def __init__(self, device=None, tile_size=16, allow_inexact=False):
+        type(self).made = {"device": device, "tile_size": tile_size, "allow_inexact": allow_inexact}
 
     def render(self, splats, camera, settings):
         type(self).calls.append((splats, camera, settings))
@@ -123,7 +123,7 @@ def test_without_options_the_settings_are_the_defaults(stub, capsys):
     run(capsys, "render s.ply --png o.png")
     run(capsys, "render s.ply --png o.png --epsilon auto")
     assert stub.calls[0][2] == stub.calls[1][2] == RenderSettings()
-    assert stub.made == {"device": None, "tile_size": 16}
+    assert stub.made == {"device": None, "tile_size": 16, "allow_inexact": False}
 
 
 def test_every_setting_with_choices_is_an_option_with_those_choices(capsys):
@@ -142,7 +142,7 @@ def test_device_tile_size_and_on_invalid_are_passed_on(stub, capsys, monkeypatch
     monkeypatch.setattr(splatcl.io, "read", lambda *args: asked.append(args) or SPLATS)
     options = "--device intel --tile-size 32 --on-invalid drop"
     assert run(capsys, f"render s.ply --png o.png {options}")[0] == 0
-    assert stub.made == {"device": "intel", "tile_size": 32}
+    assert stub.made == {"device": "intel", "tile_size": 32, "allow_inexact": False}
     assert str(asked[0][0]) == "s.ply" and asked[0][1] == "drop"
 
 

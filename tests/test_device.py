@@ -15,6 +15,7 @@ import pytest
 import splatcl
 from splatcl import device as devices
 from splatcl.errors import DeviceError
+from splatcl.strict import FLAG_VARIABLES
 
 SPLATS = splatcl.Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
 CAMERA = splatcl.Camera.look_at((0, 0, 3), (0, 0, 0), width=33, height=17)
@@ -84,7 +85,7 @@ def test_pocl_goes_first_and_the_newest_pocl_before_others():
     assert order == [pocl5, pocl31, pocl30, intel, gpu]
 
 
-@pytest.mark.parametrize("variable", devices.FLAG_VARIABLES)
+@pytest.mark.parametrize("variable", FLAG_VARIABLES)
 def test_injected_compiler_flags_are_refused(monkeypatch, variable):
     monkeypatch.setenv(variable, "-cl-fast-relaxed-math")
     with pytest.raises(DeviceError, match=f"{variable} injects compiler flags"):

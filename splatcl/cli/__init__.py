@@ -33,6 +33,7 @@ COMMANDS = {
     "render": "Render a scan to an OpenEXR file, a PNG, or both.",
     "probe": "Explain one pixel: every splat that touches it, and what became of it.",
     "info": "Say what a scan holds and what of it would be left out.",
+    "doctor": "Test a device's arithmetic and its golden images.",
     "devices": "List the OpenCL devices and mark the one that is used.",
 }
 """Each is a function in the file of its name, imported only when it is run."""
@@ -50,14 +51,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Without the program's name; those of the process by default.
     """
     try:
-        app(
+        status = app(
             sys.argv[1:] if arguments is None else arguments,
             exit_on_error=False,
             print_error=False,
             result_action="return_value",
         )
         sys.stdout.flush()
-        return 0
+        return status or 0
     except BrokenPipeError:
         # The interpreter flushes stdout once more at its end: let that go nowhere.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -129,6 +129,7 @@ def render(
     device: str | None = None,
     tile_size: int = 16,
     check: bool = False,
+    allow_inexact: bool = False,
 ) -> None:
     """Render a scan to an OpenEXR file (every AOV), a PNG (the picture), or both.
 
@@ -150,13 +151,15 @@ def render(
         Pixels; changes the speed, not the image.
     check : bool
         Render a second time and account for every splat, record, fragment and colour (docs/probe.md).
+    allow_inexact : bool
+        Render even where the device or the environment may change bits of the image (`splatcl doctor`); recorded.
     """
     import splatcl
 
     outputs = check_outputs(output, png, exposure)
     view, settings = view or View(), settings or RenderSettings()
     camera = view.file_camera()
-    renderer = splatcl.Renderer(device=device, tile_size=tile_size)
+    renderer = splatcl.Renderer(device=device, tile_size=tile_size, allow_inexact=allow_inexact)
 
     splats, camera = read_scan(scan, on_invalid, view, camera)
 
@@ -167,6 +170,8 @@ def render(
     took = _seconds_since(start)
     print(f"rendered {frame.width}x{frame.height} in {took}; splats cover {covered:.1%} of the image")
     print(f"device {frame.metadata['device']}")
+    if "inexact" in frame.metadata:
+        print(f"note: inexact: {frame.metadata['inexact']}")
     print(f"epsilon {frame.metadata['epsilon']:.6g}{' (auto)' if settings.epsilon == 'auto' else ''}")
     failed = _check(frame) if check else []
     save(frame, outputs, exposure)
