@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 
 from splatcl import oracle
 from splatcl.camera import Camera
+from splatcl.errors import SettingsError
 from splatcl.oracle import UNIT
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
-from splatcl.uncertainty import Fragments, Pairs, bands, fragments
+from splatcl.uncertainty import MAX_MARGIN, Fragments, Pairs, bands, fragments
 
 Array = NDArray[Any]
 TOLERANCE = 32.0
@@ -58,7 +59,14 @@ def envelope(
         "Z.lo", "Z.hi", "weight.lo", "weight.hi" (H, W); "albedo.lo", "albedo.hi", "N.lo", "N.hi" (H, W, 3);
         float32, rounded outward. Z.hi is +inf where a pixel may have no hit; albedo and N include 0 where it
         may be uncovered.
+
+    Raises
+    ------
+    SettingsError
+        The tolerance is out of range.
     """
+    if not 0 < tolerance <= MAX_MARGIN:
+        raise SettingsError(f"tolerance {tolerance} must be above 0 and at most {MAX_MARGIN:g}")
     num_pixels = camera.height * camera.width
     low, high = np.zeros((num_pixels, 8)), np.zeros((num_pixels, 8))  # Z, weight, albedo, N
     low[:, 0] = high[:, 0] = np.inf

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from splatcl.splats import Splats
 
 OUTPUT_FORMATS = (".exr", ".png")
+MARGINS = ("margin", "margin.raw")
 
 
 class Frame:
@@ -50,6 +51,7 @@ class Frame:
         self.settings = settings
         self.metadata = dict(metadata or {})
         self.rendered_from: tuple[Renderer, Splats | Resident] | None = None
+        self._added: dict[str, NDArray[Any]] = {}
 
     @property
     def width(self) -> int:
@@ -67,23 +69,28 @@ class Frame:
         return self["color"]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return an AOV; `SplatclError` names the choices if there is none of that name."""
+        """Return an AOV; `SplatclError` names the choices if there is none of that name.
+
+        "margin" and "margin.raw" are added when first asked for (`add_margin`).
+        """
+        if name in MARGINS and name not in self:
+            self.add_margin()
         if name not in self:
-            raise SplatclError(f"no AOV {name!r} in this frame; it has {', '.join(self._aovs)}")
-        return self._aovs[name]
+            raise SplatclError(f"no AOV {name!r} in this frame; it has {', '.join(self)}")
+        return self._added[name] if name in self._added else self._aovs[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self.keys()  # a Mapping may compute the value to answer `in`
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._aovs)
+        return iter(self.keys())
 
     def __len__(self) -> int:
-        return len(self._aovs)
+        return len(self.keys())
 
     def keys(self) -> tuple[str, ...]:
         """Names of the AOVs."""
-        return tuple(self._aovs)
+        return (*self._aovs, *self._added)
 
     def save(self, path: str | os.PathLike[str], exposure: float = 0.0) -> None:
         """Write every AOV as OpenEXR (.exr) or the picture as 8-bit sRGB (.png).
@@ -134,6 +141,32 @@ class Frame:
 
         return check(self)
 
+    def add_margin(self) -> None:
+        """Add the AOVs "margin" and "margin.raw": how near each pixel's decisions are to flipping.
+
+        See `splatcl.uncertainty.margin`; `SplatclError` as for `probe`.
+        """
+        from splatcl.uncertainty import margin
+
+        pixels = margin(self._splats("add a margin to"), self.camera, self.settings, self.metadata["epsilon"])
+        self._added |= dict(zip(MARGINS, pixels, strict=True))
+
+    def add_envelope(self, tolerance: float | None = None) -> None:
+        """Add the bounds within which every correct renderer lands: Z.lo, Z.hi, and of weight, albedo and N.
+
+        See `splatcl.envelope.envelope`, also for `tolerance`; `SplatclError` as for `probe`.
+        """
+        from splatcl.envelope import TOLERANCE, envelope
+
+        tolerance = TOLERANCE if tolerance is None else tolerance
+        splats = self._splats("add an envelope to")
+        self._added |= envelope(splats, self.camera, self.settings, self.metadata["epsilon"], tolerance)
+        self.metadata["envelope_tolerance"] = tolerance
+
+    def _splats(self, purpose: str) -> Splats:
+        renderer, splats = self.origin(purpose)
+        return renderer.resident(splats).splats
+
     def origin(self, purpose: str) -> tuple[Renderer, Splats | Resident]:
         """Return the renderer and the splats that the frame was rendered with; `purpose` is what for."""
         if self.rendered_from is None:
@@ -148,7 +181,7 @@ class Frame:
         return encode_png(self.color)
 
     def __repr__(self) -> str:
-        return f"<Frame {self.width}x{self.height}: {', '.join(self._aovs)}>"
+        return f"<Frame {self.width}x{self.height}: {', '.join(self)}>"
 
     def __getstate__(self) -> dict[str, Any]:
         return {

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scenes import CAMERAS, EPSILON, SCENES, VIEWS, random_ellipses
 
 import splatcl
+import splatcl.io.exr
 from splatcl import RenderSettings, Splats, envelope, oracle, uncertainty
 from splatcl import device as devices
 
@@ -196,3 +197,46 @@ def test_double_precision_is_inside():
     choices = replace(CHOICES["default"], precision="double")
     frame = splatcl.render(splats, view, choices)
     assert escapes(bounds(splats, view, choices), frame) == NONE
+
+
+# ---- frames, files and the command line
+
+
+def test_a_frame_adds_them_on_request(renderer, tmp_path):
+    frame = renderer.render(random_ellipses(8), CAMERAS["outside"], CHOICES["default"])
+    assert "margin" not in frame and frame["margin"].shape == frame["Z"].shape
+    frame.add_envelope(16.0)
+    frame.save(tmp_path / "frame.exr")
+    aovs, _, metadata = splatcl.io.exr.read_exr(tmp_path / "frame.exr")
+    for name in ("margin", "margin.raw", "Z.lo", "weight.hi", "albedo.lo", "N.hi"):
+        np.testing.assert_array_equal(aovs[name], frame[name])
+    assert metadata["envelope_tolerance"] == 16.0
+    assert escapes(aovs, aovs) == NONE
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, 1e4, float("nan")])
+def test_a_tolerance_out_of_range_is_refused(renderer, tolerance):
+    frame = renderer.render(random_ellipses(8), CAMERAS["outside"], CHOICES["default"])
+    with pytest.raises(splatcl.SplatclError, match="tolerance"):
+        frame.add_envelope(tolerance)
+
+
+def test_a_frame_without_splats_says_so(renderer):
+    import pickle
+
+    frame = pickle.loads(pickle.dumps(renderer.render(random_ellipses(8), CAMERAS["outside"])))
+    with pytest.raises(splatcl.SplatclError, match="cannot add a margin to a frame without its splats"):
+        frame["margin"]
+
+
+def test_the_command_line_writes_them(tmp_path):
+    from splatcl.cli import main
+
+    splatcl.write(random_ellipses(9), tmp_path / "scan.npz")
+    out = tmp_path / "out.exr"
+    assert (
+        main(["render", str(tmp_path / "scan.npz"), "-o", str(out), "--size", "40x30", "--margin", "--envelope"]) == 0
+    )
+    aovs = splatcl.io.exr.read_exr(out)[0]
+    assert aovs["margin"].shape == (30, 40) and aovs["N.lo"].shape == (30, 40, 3)
+    assert main(["render", str(tmp_path / "scan.npz"), "--png", str(tmp_path / "o.png"), "--margin"]) == 2

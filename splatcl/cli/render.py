@@ -129,6 +129,8 @@ def render(
     device: str | None = None,
     tile_size: int = 16,
     check: bool = False,
+    margin: bool = False,
+    envelope: bool = False,
     allow_inexact: bool = False,
 ) -> None:
     """Render a scan to an OpenEXR file (every AOV), a PNG (the picture), or both.
@@ -151,12 +153,18 @@ def render(
         Pixels; changes the speed, not the image.
     check : bool
         Render a second time and account for every splat, record, fragment and colour (docs/probe.md).
+    margin : bool
+        Add to the .exr how near each pixel's decisions are to flipping (docs/uncertainty.md).
+    envelope : bool
+        Add to the .exr the bounds within which every correct renderer lands (docs/uncertainty.md).
     allow_inexact : bool
         Render even where the device or the environment may change bits of the image (`splatcl doctor`); recorded.
     """
     import splatcl
 
     outputs = check_outputs(output, png, exposure)
+    if (margin or envelope) and all(path.suffix.lower() != ".exr" for path in outputs):
+        raise SettingsError("--margin and --envelope are for .exr: give -o FILE.exr")
     view, settings = view or View(), settings or RenderSettings()
     camera = view.file_camera()
     renderer = splatcl.Renderer(device=device, tile_size=tile_size, allow_inexact=allow_inexact)
@@ -174,6 +182,11 @@ def render(
         print(f"note: inexact: {frame.metadata['inexact']}")
     print(f"epsilon {frame.metadata['epsilon']:.6g}{' (auto)' if settings.epsilon == 'auto' else ''}")
     failed = _check(frame) if check else []
+    with stage("Bounding the uncertainty"):
+        if margin:
+            frame.add_margin()
+        if envelope:
+            frame.add_envelope()
     save(frame, outputs, exposure)
     if failed:
         raise CheckError(f"{', '.join(failed)}: the check failed; the image is not to be trusted")

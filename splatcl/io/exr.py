@@ -27,6 +27,8 @@ MULTI_CHANNEL = {
     "P": ("P.X", "P.Y", "P.Z"),
     "N": ("N.X", "N.Y", "N.Z"),
     "albedo": ("albedo.R", "albedo.G", "albedo.B"),
+    **{f"albedo.{end}": tuple(f"albedo.{end}.{c}" for c in "RGB") for end in ("lo", "hi")},
+    **{f"N.{end}": tuple(f"N.{end}.{c}" for c in "XYZ") for end in ("lo", "hi")},
 }
 """Channels of the AOVs that have several; any other AOV is one channel of its own name."""
 
