@@ -67,9 +67,7 @@ def test_channels_have_the_specified_names_types_and_values(tmp_path):
 
 def test_reading_back_gives_the_same_bits_camera_and_metadata(tmp_path):
     camera = Camera.look_at((1e6 + 0.123, 2, 3), (1e6, 0, 0), width=7, height=5, near=0.1)
-    frame = make_frame(
-        camera=camera, epsilon=np.float32(0.1), device="PoCL", num_splats=np.int64(3), far=np.inf
-    )
+    frame = make_frame(camera=camera, epsilon=np.float32(0.1), device="PoCL", num_splats=np.int64(3), far=np.inf)
     frame.save(tmp_path / "a.exr")
     aovs, back, metadata = read_exr(tmp_path / "a.exr")
     assert sorted(aovs) == sorted(frame)

@@ -184,3 +184,9 @@ RIM_RELATIVE = 1e-9
 
 COLOR_ABSOLUTE = 1e-6
 """Hand-computed sRGB values are given to 7 digits, and the result is float32."""
+
+# ---- the probe
+
+PROBED_DISC = 2e-5
+"""u, v and z of a probed splat against a solved 3x3 system, for the discs of a sphere up to its silhouette, where u
+and v err by 2^-24 / cos (seen: 3e-6)."""

@@ -1,0 +1,232 @@
+"""Conservation: what goes into a render comes out of it, exactly; and each check sees what it is for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from agreement import scene
+from scenes import CAMERAS, EPSILON, VIEWS
+from test_probe import SETTINGS
+
+import splatcl
+from splatcl import RenderSettings, accounting, pipeline
+from splatcl.accounting import Check, color_bound
+from splatcl.cli import FAILED, main
+from splatcl.frame import Frame
+from splatcl.io.exr import read_exr
+
+NAMES = ["splats", "binning", "fragments", "constant colour", "repetition"]
+VIEW = CAMERAS["outside"], RenderSettings(epsilon=EPSILON)
+
+
+def failures(frame):
+    checks = frame.check()
+    assert [one.name for one in checks] == NAMES
+    return [one.name for one in checks if not one.passed]
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize(("scene_name", "camera_name"), VIEWS)
+def test_every_scene_adds_up(renderer, scene_name, camera_name, precision):
+    """Mutations that fail here: ``tx < record.x_max / TILE`` in bin.cl and project.cl together (a copy short), the last
+    block of a range left out in attributes.cl, every 64th survivor left out in project.cl."""
+    settings = RenderSettings(epsilon=EPSILON, precision=precision)
+    assert failures(renderer.render(scene(scene_name), CAMERAS[camera_name], settings)) == []
+
+
+@pytest.mark.parametrize(("lanes", "tile_size"), [(8, 16), (1, 8), (4, 32)])
+@pytest.mark.parametrize("settings", SETTINGS)
+def test_every_setting_and_grouping_adds_up(renderer_with, settings, lanes, tile_size):
+    settings = RenderSettings(**{"epsilon": EPSILON} | SETTINGS[settings])
+    renderer = renderer_with(lanes=lanes, tile_size=tile_size)
+    for camera_name in ("inside", "orthographic"):
+        assert failures(renderer.render(scene("random_ellipses"), CAMERAS[camera_name], settings)) == []
+
+
+def test_the_numbers_are_in_the_details_and_the_metadata(renderer):
+    frame = renderer.render(scene("sphere"), VIEW[0], replace(VIEW[1], facing="cull"))
+    checks = {one.name: one for one in frame.check()}
+    assert frame.metadata["checks"] == {name: one.verdict for name, one in checks.items()}
+    drawn, culled, beside = [int(word) for word in checks["splats"].detail.split() if word.isdigit()][:3]
+    assert drawn + culled + beside == len(scene("sphere")) and min(drawn, culled) > 100
+    total = int(frame["count"].sum())
+    assert checks["fragments"].detail == f"{total} by pixel = {total} by splat"
+
+
+def test_bands_of_tiles_add_up(renderer, monkeypatch):
+    """Every tile in a band of its own."""
+    monkeypatch.setattr(pipeline, "bands", partial(pipeline.bands, max_records=1))
+    assert failures(renderer.render(scene("layers"), *VIEW)) == []
+
+
+def test_no_splats_add_up(renderer):
+    assert failures(renderer.render(splatcl.Splats(*np.zeros((3, 0, 3))), *VIEW)) == []
+
+
+# ---- colour
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("settings", SETTINGS)
+def test_a_power_of_two_comes_out_with_its_bits(renderer, settings, precision):
+    """Each product w c is then exact, and every sum of products c times the sum of the weights.
+
+    Mutation: resolving as color_sum * (1 / weight_sum) fails here.
+    """
+    settings = RenderSettings(**{"epsilon": EPSILON, "precision": precision} | SETTINGS[settings])
+    splats = scene("random_ellipses")
+    color = np.tile(np.array([1, 0.25, 64], np.float32), (len(splats), 1))
+    frame = renderer.render(replace(splats, color=color), CAMERAS["off_center"], settings)
+    covered = frame["weight"] > 0
+    assert covered.sum() > 100
+    assert (frame["albedo"][covered] == (1, 0.25, 64)).all() and not frame["albedo"][~covered].any()
+
+
+@pytest.mark.parametrize("scene_name", ["random_ellipses", "layers", "sphere", "sub_pixel"])
+@pytest.mark.parametrize("precision", ["single", "double"])
+def test_any_constant_comes_out_to_within_the_bound(renderer, scene_name, precision):
+    settings = RenderSettings(epsilon=100.0, precision=precision)
+    splats, real = scene(scene_name), np.dtype({"single": "f4", "double": "f8"}[precision])
+    constant = np.random.default_rng(0).uniform(1e-3, 1, 3).astype(real)
+    frame = renderer.render(replace(splats, color=np.tile(constant, (len(splats), 1))), CAMERAS["outside"], settings)
+    covered = frame["weight"] > 0
+    error = np.abs(frame["albedo"][covered].astype(np.float64) / constant - 1)
+    bound = color_bound(frame["count"][covered], frame["weight"][covered])
+    assert (error <= bound[:, None]).all()
+    assert (error > 0).any(), "float sums do not give every constant back"
+
+
+def test_the_bound_is_about_two_roundings_a_fragment():
+    bound = color_bound(np.array([1, 100], np.uint32), np.ones(2, np.float32))
+    np.testing.assert_allclose(bound, np.array([3, 201]) * 2.0**-24, rtol=1e-4)
+
+
+# ---- each check sees what it is for
+
+
+def spoiled(monkeypatch, name, spoil):
+    """Let pipeline's function `name` return what `spoil` makes of its arguments and its result."""
+    original = getattr(pipeline, name)
+    monkeypatch.setattr(pipeline, name, lambda *args: spoil(args, original(*args)))
+
+
+def rewrite(device, buffer, shape, dtype, change):
+    """Change a buffer on the device in place."""
+    array = device.read(buffer, shape, dtype)
+    change(array)
+    device.write(buffer, array)
+
+
+def test_a_lost_splat_is_seen(renderer, monkeypatch):
+    frame = renderer.render(scene("sphere"), *VIEW)
+
+    def lose_the_last(args, projected):
+        def one_less(counts):
+            counts[0] -= 1
+
+        rewrite(args[0].device, projected.num_survivors, (projected.num_chunks,), np.int32, one_less)
+        return projected
+
+    spoiled(monkeypatch, "project", lose_the_last)
+    assert "splats" in failures(frame)
+
+
+@pytest.mark.parametrize("fault", ["twice", "swapped"])
+def test_a_record_twice_or_out_of_order_is_seen(renderer, monkeypatch, fault):
+    frame = renderer.render(scene("sphere"), *VIEW)
+
+    def spoil(args, bands):
+        passes = args[0]
+        for lists in bands:
+            run = int(np.argmax(np.diff(lists.begin)))
+            first = int(lists.begin[run])
+
+            def change(records, first=first):
+                two = records[first : first + 2].copy()
+                records[first : first + 2] = two[[0, 0]] if fault == "twice" else two[::-1]
+
+            dtype = passes.dtypes["ProjectedSplat"]
+            rewrite(passes.device, lists.records, (int(lists.begin[-1]),), dtype, change)
+            yield lists
+
+    spoiled(monkeypatch, "bin", spoil)
+    assert "binning" in failures(frame)
+
+
+def test_a_wrong_tile_count_is_seen(renderer, monkeypatch):
+    frame = renderer.render(scene("sphere"), *VIEW)
+    counts = accounting._tile_counts
+    monkeypatch.setattr(accounting, "_tile_counts", lambda *args: counts(*args) + (np.arange(args[1].num_tiles) == 3))
+    assert failures(frame) == ["binning"]
+
+
+def test_a_fragment_too_many_is_seen(renderer, monkeypatch):
+    frame = renderer.render(scene("sphere"), *VIEW)
+
+    def add_one(args, result):
+        passes, gbuffer = args[0], args[-1]
+
+        def one_more(count):
+            count[7] += 1
+
+        rewrite(passes.device, gbuffer.count, (passes.num_pixels,), np.uint32, one_more)
+
+    spoiled(monkeypatch, "attributes", add_one)
+    assert failures(frame) == ["fragments", "repetition"]
+
+
+def test_a_colour_off_by_one_bit_is_seen(renderer, monkeypatch):
+    frame = renderer.render(scene("sphere"), *VIEW)
+
+    def next_number(args, result):
+        passes, gbuffer = args[0], args[-1]
+
+        def change(sums):
+            pixel = int(np.argmax(sums[:, 0]))
+            sums[pixel, 0] = np.nextafter(sums[pixel, 0], np.inf)
+
+        rewrite(passes.device, gbuffer.color_sum, (passes.num_pixels, 3), passes.real, change)
+
+    spoiled(monkeypatch, "attributes", next_number)
+    assert failures(frame) == ["constant colour"]
+
+
+def test_another_image_is_seen(renderer):
+    frame = renderer.render(scene("sphere"), *VIEW)
+    weight = frame["weight"].copy()
+    weight[18, 24] = np.nextafter(weight[18, 24], np.inf)
+    changed = Frame({**dict(frame), "weight": weight}, *VIEW)
+    changed.rendered_from = frame.rendered_from
+    assert failures(changed) == ["repetition"]
+
+
+# ---- the command line
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    splatcl.write(scene("sphere"), "scan.npz")
+    return ["render", "scan.npz", "-o", "out.exr", "--size", "32x24", "--check"]
+
+
+def test_the_command_prints_a_line_a_check_and_records_them(command, capsys):
+    assert main(command) == 0
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("check ")]
+    recorded = read_exr("out.exr")[2]["checks"]
+    assert sorted(recorded) == sorted(NAMES)
+    assert lines == [f"check {name:<15} {recorded[name]}" for name in NAMES]
+    assert all(verdict.startswith("passed: ") for verdict in recorded.values())
+
+
+def test_the_command_exits_1_if_a_check_fails(command, capsys, monkeypatch, tmp_path):
+    checks = (Check("splats", True, "2 = 2"), Check("fragments", False, "3 by pixel but 4 by splat"))
+    monkeypatch.setattr(Frame, "check", lambda self: checks)
+    assert main(command) == FAILED
+    captured = capsys.readouterr()
+    assert "check fragments       FAILED: 3 by pixel but 4 by splat" in captured.out.splitlines()
+    assert captured.err.splitlines()[-1].startswith("splatcl: error: fragments: the check failed")
+    assert (tmp_path / "out.exr").exists(), "to be looked at"
