@@ -7,6 +7,8 @@
 #include "fragment.h"
 #include "weight.h"
 
+#define LANE(values) (((const real *)&(values))[lane])
+
 kernel void attributes(constant View *view, global const ProjectedSplat *records,
                        global const SplatAttributes *splat_attributes, global const int *tile_begin,
                        const int first_tile, const int tiles_x, const real epsilon, const int along_ray,
@@ -51,15 +53,15 @@ kernel void attributes(constant View *view, global const ProjectedSplat *records
       const int y = w.y + b / BLOCKS_X * BLOCK_Y + lane / BLOCK_X;
       if (x >= width || y >= height) continue;
       const long p = (long)y * width + x;
-      const real *t = (const real *)&region_sums[b] + lane;
-      weight_sum[p] = t[0];
-      color_sum[3 * p] = t[LANES];
-      color_sum[3 * p + 1] = t[2 * LANES];
-      color_sum[3 * p + 2] = t[3 * LANES];
-      normal_sum[3 * p] = t[4 * LANES];
-      normal_sum[3 * p + 1] = t[5 * LANES];
-      normal_sum[3 * p + 2] = t[6 * LANES];
-      depth_sum[p] = t[7 * LANES];
-      count[p] = ((const uint *)&region_sums[b].count)[lane];
+      const sums *t = &region_sums[b];
+      weight_sum[p] = LANE(t->weight);
+      color_sum[3 * p] = LANE(t->red);
+      color_sum[3 * p + 1] = LANE(t->green);
+      color_sum[3 * p + 2] = LANE(t->blue);
+      normal_sum[3 * p] = LANE(t->normal_x);
+      normal_sum[3 * p + 1] = LANE(t->normal_y);
+      normal_sum[3 * p + 2] = LANE(t->normal_z);
+      depth_sum[p] = LANE(t->z);
+      count[p] = ((const uint *)&t->count)[lane];
     }
 }
