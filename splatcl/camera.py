@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from splatcl.errors import CameraError
+from splatcl.splats import MAX_MAGNITUDE
 
 Projection = Literal["perspective", "orthographic"]
 MAX_SIZE = 16384
@@ -73,8 +74,8 @@ class Camera:
 
     def _validate(self) -> None:
         matrix = self.eye_from_world
-        if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-            raise CameraError(f"eye_from_world must be 4x4 finite numbers, not {matrix.shape}")
+        if matrix.shape != (4, 4) or not (np.abs(matrix) <= MAX_MAGNITUDE).all():
+            raise CameraError(f"eye_from_world must be 4x4 numbers of at most 1e15, not {matrix.shape}")
         rotation = matrix[:3, :3]
         off = np.abs(rotation @ rotation.T - np.eye(3)).max()
         if off > RIGID_TOLERANCE or np.linalg.det(rotation) < 0 or not np.array_equal(matrix[3], [0, 0, 0, 1]):

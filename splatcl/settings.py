@@ -79,6 +79,10 @@ class RenderSettings:
 
     def __post_init__(self) -> None:
         _check_choices(self)
+        self._set("lights", _tuple_of("lights", self.lights, Light))
+        self._set("kernel_table", _tuple_of("kernel_table", self.kernel_table, object))
+        if not isinstance(self.material, Material):
+            raise SettingsError(f"material {self.material!r} is not a Material")
         for light in self.lights:
             _check_choices(light)
         if self.epsilon != "auto":
@@ -90,12 +94,13 @@ class RenderSettings:
             raise SettingsError("kernel='table' and kernel_table go together: give both or neither")
         if self.kernel_table and not 2 <= len(self.kernel_table) <= MAX_TABLE:
             raise SettingsError(f"kernel_table has {len(self.kernel_table)} samples; it takes 2 to {MAX_TABLE}")
-        self._set("lights", tuple(self.lights))
         for field in fields(Material):
             _number(f"material.{field.name}", getattr(self.material, field.name), 0.0, 1e4)
         for light in self.lights:
-            for value in (*light.vector, *light.color):
-                _number(f"a {light.kind} light's component", value, -1e15, 1e15)
+            for name in ("vector", "color"):
+                values = _tuple_of(f"a light's {name}", getattr(light, name), object)
+                if len([_number(f"a light's {name}", value, -1e15, 1e15) for value in values]) != 3:
+                    raise SettingsError(f"a light's {name} {values!r} is not three numbers")
             if light.kind == "directional" and not any(light.vector):
                 raise SettingsError("a directional light needs a vector that points toward it")
 
@@ -108,6 +113,17 @@ def _check_choices(settings: Any) -> None:
         if get_origin(hint) is Literal and getattr(settings, name) not in get_args(hint):
             choices = ", ".join(get_args(hint))
             raise SettingsError(f"{name} {getattr(settings, name)!r} is not one of {choices}")
+
+
+def _tuple_of(name: str, values: Any, kind: type) -> tuple[Any, ...]:
+    try:
+        result = tuple(values)
+    except TypeError:
+        raise SettingsError(f"{name} {values!r} is not a sequence") from None
+    for value in result:
+        if not isinstance(value, kind):
+            raise SettingsError(f"{name} holds {value!r}, which is not a {kind.__name__}")
+    return result
 
 
 def _number(name: str, value: Any, low: float, high: float) -> float:

@@ -1,0 +1,159 @@
+"""Any numbers at all: Splats, Camera and settings are refused with an error of ours, or render without a NaN.
+
+Byte-mutated files are in test_io_bad.py.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+import splatcl
+from splatcl import Camera, Light, Material, RenderSettings, SplatclError, Splats
+
+FUZZ = settings(
+    max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+ANY = st.floats(width=32)
+MODERATE = st.floats(-4, 4, width=32)
+HUGE = st.floats(-1e15, 1e15).map(lambda x: float(np.float32(x)))
+SCALES = st.sampled_from([MODERATE, HUGE, st.floats(-(2.0**-20), 2.0**-20, width=32)])
+
+
+def rows(elements, num=3):
+    return npst.arrays(np.float32, (num, 3), elements=elements)
+
+
+@st.composite
+def any_splats(draw):
+    """Splats of one magnitude each for centres and tangents, or None where they are refused."""
+    center, tangents = draw(rows(draw(SCALES))), draw(SCALES)
+    try:
+        return Splats(center, draw(rows(tangents)), draw(rows(tangents)), np.abs(draw(rows(MODERATE))))
+    except SplatclError:
+        return None
+
+
+@st.composite
+def any_camera(draw):
+    eye, target = draw(npst.arrays(np.float64, 3, elements=MODERATE)), draw(rows(MODERATE, 1))[0]
+    near = draw(st.floats(1e-6, 10))
+    try:
+        return Camera.look_at(
+            eye,
+            target,
+            draw(npst.arrays(np.float64, 3, elements=MODERATE)),
+            draw(st.floats(1e-3, 179.9)),
+            draw(st.integers(1, 40)),
+            draw(st.integers(1, 40)),
+            near=near,
+            far=near + draw(st.floats(1e-3, 1e6)),
+            projection=draw(st.sampled_from(["perspective", "orthographic"])),
+        )
+    except SplatclError:
+        return None
+
+
+TABLES = st.lists(st.floats(0, 10), min_size=2, max_size=9).map(tuple)
+LIGHTS = st.lists(
+    st.builds(
+        Light,
+        kind=st.sampled_from(["headlight", "point"]),
+        vector=st.tuples(MODERATE, MODERATE, MODERATE),
+        color=st.tuples(*[st.floats(0, 10)] * 3),
+    ),
+    max_size=3,
+).map(tuple)
+SETTINGS = st.builds(
+    RenderSettings,
+    epsilon=st.one_of(st.just("auto"), st.floats(0, 1e6)),
+    along=st.sampled_from(["z", "ray"]),
+    prefilter=st.sampled_from(["min", "none"]),
+    prefilter_radius=st.floats(1e-3, 100),
+    prefilter_center=st.sampled_from(["projected", "bounds"]),
+    cutoff=st.floats(0, 8),
+    facing=st.sampled_from(["keep", "flip", "cull"]),
+    shader=st.sampled_from(["phong", "albedo", "normal"]),
+    lights=LIGHTS,
+    material=st.builds(Material, shininess=st.floats(0, 1e4)),
+    precision=st.sampled_from(["single", "double"]),
+)
+
+
+def check(frame, camera, choices):
+    """What is true of every frame."""
+    shape = (camera.height, camera.width)
+    for name in frame:
+        assert frame[name].shape[:2] == shape
+        assert not np.isnan(frame[name]).any(), name
+    z, weight, count = frame["Z"], frame["weight"], frame["count"]
+    hit = np.isfinite(z)
+    assert ((z[hit] >= camera.near * (1 - 1e-6)) & (z[hit] <= camera.far * (1 + 1e-6))).all()
+    assert np.array_equal(hit, frame["particleid"] != 0xFFFFFFFF)
+    assert np.array_equal(weight > 0, count > 0)
+    assert (count[hit] > 0).all()
+    assert np.array_equal(frame.color[..., 3], (weight > 0).astype(frame.color.dtype))
+    length = np.linalg.norm(frame["N"], axis=-1)
+    assert (np.isclose(length, 1, atol=1e-5) | (length == 0)).all()
+
+
+@FUZZ
+@given(splats=any_splats(), camera=any_camera(), choices=SETTINGS)
+def test_whatever_is_accepted_renders(renderer, splats, camera, choices):
+    """Caught: edge-on coefficients that are not replaced (NaN), a centre on the eye, weights of far fragments."""
+    assume(splats is not None and camera is not None)
+    check(renderer.render(splats, camera, choices), camera, choices)
+
+
+@FUZZ
+@given(arrays=st.tuples(*[npst.arrays(np.float32, st.tuples(st.integers(0, 4), st.integers(2, 4)), elements=ANY)] * 4))
+def test_splats_are_valid_or_refused(arrays):
+    try:
+        splats = Splats(*arrays)
+    except SplatclError as error:
+        assert "\n" not in str(error)
+        return
+    assert len(splats) == len(arrays[0])
+    for array in (splats.center, splats.tangent_u, splats.tangent_v, splats.color, splats.normal, splats.bounds):
+        assert np.isfinite(array).all()
+
+
+@FUZZ
+@given(
+    matrix=npst.arrays(np.float64, (4, 4), elements=st.floats()),
+    numbers=st.lists(
+        st.one_of(st.floats(), st.integers(-5, 100000), st.text(max_size=3), st.none()), min_size=8, max_size=8
+    ),
+)
+def test_cameras_are_valid_or_refused(matrix, numbers):
+    for pose in (matrix, np.eye(4)):
+        try:
+            camera = Camera(pose, *numbers)
+        except SplatclError as error:
+            assert "\n" not in str(error)
+            continue
+        assert np.isfinite(camera.position).all() and camera.near < camera.far
+
+
+@FUZZ
+@given(
+    name=st.sampled_from(sorted(RenderSettings.__dataclass_fields__)),
+    value=st.one_of(st.floats(), st.text(max_size=5), st.none(), st.lists(st.floats(), max_size=3), st.booleans()),
+)
+def test_settings_are_valid_or_refused(name, value):
+    try:
+        RenderSettings(**{name: value})
+    except SplatclError as error:
+        assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("kernel", [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
+def test_tables_with_zeros_render(renderer, kernel):
+    splats = Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
+    camera = Camera.look_at((0, 0, 3), (0, 0, 0), width=20, height=20)
+    frame = renderer.render(splats, camera, RenderSettings(kernel="table", kernel_table=kernel))
+    assert not any(np.isnan(frame[name]).any() for name in frame)
+    assert frame["count"].max() == 1 and splatcl is not None
