@@ -2,11 +2,11 @@
 // every OpenCL runtime computes the same bits. Only + - *, divide and square_root (divide.h), comparisons,
 // selects and bit casts are used.
 //
-// LANES  how many pixels or splats one value holds (1, 4, 8)
+// LANES  how many pixels or splats one value holds (1, 4, 8, 16)
 // DOUBLE 0: float, 1: double
 
 #ifndef LANES
-#error "build option LANES is missing: 1, 4 or 8"
+#error "build option LANES is missing: 1, 4, 8 or 16"
 #endif
 #ifndef DOUBLE
 #error "build option DOUBLE is missing: 0 for float, 1 for double"

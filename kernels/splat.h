@@ -14,11 +14,16 @@
 #define BLOCK_Y 2
 #define LANE_X ((reals)(0, 1, 0, 1))
 #define LANE_Y ((reals)(0, 0, 1, 1))
-#else
+#elif LANES == 8
 #define BLOCK_X 4
 #define BLOCK_Y 2
 #define LANE_X ((reals)(0, 1, 2, 3, 0, 1, 2, 3))
 #define LANE_Y ((reals)(0, 0, 0, 0, 1, 1, 1, 1))
+#else
+#define BLOCK_X 4
+#define BLOCK_Y 4
+#define LANE_X ((reals)(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3))
+#define LANE_Y ((reals)(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3))
 #endif
 #define BLOCKS_X (REGION / BLOCK_X)
 #define BLOCKS_Y (REGION / BLOCK_Y)

@@ -144,7 +144,7 @@ class Program:
         defines = "".join(f"#define {key} {value}\n" for key, value in options.items())
         source = f"#pragma OPENCL FP_CONTRACT OFF\n{defines}{prelude}\n{inline_source(name, options)}"
         try:
-            program = cl.Program(context, source).build()
+            program = cl.Program(context, source).build(options=_rounding_options(context.devices[0]))
         except cl.RuntimeError as error:
             raise DeviceError(f"kernels/{name} does not build on this device:\n{error}") from None
         self.kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
@@ -156,6 +156,14 @@ class Program:
         """
         if all(size):
             self.kernels[name](queue, size, (group,) if len(size) == 1 else None, *args)
+
+
+def _rounding_options(device: Any) -> list[str]:
+    """Ask for correctly rounded division and square root where that can be asked for (GPUs are fast without)."""
+    import pyopencl as cl
+
+    can_be_asked = device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT
+    return ["-cl-fp32-correctly-rounded-divide-sqrt"] if can_be_asked else []
 
 
 def inline_source(name: str, options: Mapping[str, str | int]) -> str:
@@ -208,6 +216,11 @@ class DeviceQueue:
         is_cpu = bool(handle.type & cl.device_type.CPU)
         self.mapping = mapping or ("tile" if is_cpu else "pixel")
         self.lanes = lanes or (8 if is_cpu and self.mapping == "tile" else 1)
+        if self.lanes > 8 and "PoCL 3.0" in self.info.version:
+            raise DeviceError(
+                f"{self.info.version} cannot compile {self.lanes}-wide square roots and would abort this process; "
+                "use lanes=8 or another device"
+            )
         try:
             self.context = cl.Context([handle])
             self.queue = cl.CommandQueue(self.context)
@@ -218,6 +231,10 @@ class DeviceQueue:
         self._programs: dict[tuple[Any, ...], Program] = {}
         self._scratch: dict[str, Any] = {}
         self.strictness = Strictness(self, allow_inexact)
+
+    def lanes_of(self, real: np.dtype[Any]) -> int:
+        """Return how many `real` one vector holds: 32 bytes at most, or the 64 bytes of 16 lanes."""
+        return min(self.lanes, max(4 * self.lanes, 32) // real.itemsize)
 
     def program(self, name: str, prelude: str, **options: str | int) -> Program:
         """Return kernels/`name` built with `options`, from this queue's own store if it has been built."""

@@ -82,9 +82,13 @@ class GBuffer:
 
 @dataclass(frozen=True)
 class ResidentSplats:
-    """Splats on the device, as planes relative to `origin` (world space, float64)."""
+    """Splats on the device, as planes relative to `origin` (world space, float64).
+
+    `center_low` is what single precision leaves of float64 centres, None where that is nothing.
+    """
 
     center: Any
+    center_low: Any
     tangent_u: Any
     tangent_v: Any
     color: Any
@@ -114,11 +118,10 @@ class Passes:
     def run(self, kernel: str, size: tuple[int, ...], *args: Any, group: int = 1, **options: str | int) -> None:
         """Run `kernel` of the file that its name begins with, built for this frame, over `size` work-items.
 
-        Python integers become int, Python floats the frame's real. Vectors are at most 32 bytes: PoCL 3.0 aborts
-        the process on the square root of a double8.
+        Python integers become int, Python floats the frame's real.
         """
         common = {
-            "LANES": min(self.device.lanes, 32 // self.real.itemsize),
+            "LANES": self.device.lanes_of(self.real),
             "DOUBLE": int(self.real == np.float64),
             "TILE": self.tile_size,
             **self.device.strictness.options(self.precision),
@@ -176,11 +179,14 @@ def upload(device: DeviceQueue, splats: Any, precision: Precision) -> ResidentSp
     origin = near_origin(splats.center)
     num = len(splats)
     stride = -(-max(num, 1) // PLANE_PAD) * PLANE_PAD
-    buffers = {}
-    for name in ATTRIBUTE_PLANES:
+    arrays = {name: getattr(splats, name) for name in ATTRIBUTE_PLANES}
+    if origin.any():
+        arrays["center"] = arrays["center"] - origin
+    rest = arrays["center"] - arrays["center"].astype(real)
+    buffers = {"center_low": None}
+    for name, values in (arrays | {"center_low": rest} if rest.any() else arrays).items():
         planes = np.zeros((3, stride), real)
-        values = getattr(splats, name)
-        planes[:, :num] = ((values - origin) if name == "center" and origin.any() else values).T
+        planes[:, :num] = values.T
         buffers[name] = device.buffer(planes.nbytes)
         device.write(buffers[name], planes)
     return ResidentSplats(**buffers, origin=origin, num_splats=num, stride=stride)
@@ -210,8 +216,9 @@ def project(passes: Passes, view: Any, splats: ResidentSplats) -> ProjectedSplat
     tile_counts = device.scratch("tile_counts", num_chunks * num_tiles * 4)
     outputs = (records, attributes, num_survivors, tile_counts)
     passes.run(
-        "project", (num_chunks,), view, splats.center, splats.tangent_u, splats.tangent_v, splats.color,
-        splats.num_splats, splats.stride, chunk_size, *outputs, passes.tiles_x, num_tiles,
+        "project", (num_chunks,), view, splats.center, splats.center_low or splats.center, splats.tangent_u,
+        splats.tangent_v, splats.color, splats.num_splats, splats.stride, chunk_size, *outputs, passes.tiles_x,
+        num_tiles, CENTER_LOW=int(splats.center_low is not None),
     )  # fmt: skip
     return ProjectedSplats(*outputs, num_chunks, chunk_size, passes.tiles_x, num_tiles)
 

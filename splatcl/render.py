@@ -50,8 +50,9 @@ class Renderer:
         then PoCL's CPU by default.
     tile_size : {8, 16, 32, 64}
         Pixels; changes speed only, never a bit of the image.
-    lanes : {1, 4, 8}, optional
-        Vector width; changes speed only. (PoCL 3.0 aborts on 16-wide arithmetic.)
+    lanes : {1, 4, 8, 16}, optional
+        Vector width in single precision, 8 on a CPU and 1 elsewhere by default; changes speed only. PoCL 3.0 has
+        no 16.
     mapping : {"tile", "pixel"}, optional
         Whether a work-item of the raster passes takes a tile (the default on a CPU) or a pixel (elsewhere, and
         then ``lanes`` is 1); changes speed only.
@@ -77,8 +78,8 @@ class Renderer:
     ) -> None:
         if tile_size not in TILE_SIZES:
             raise SettingsError(f"tile_size {tile_size} is not one of {TILE_SIZES}")
-        if lanes not in (None, 1, 4, 8):
-            raise SettingsError(f"lanes {lanes} is not 1, 4 or 8")
+        if lanes not in (None, 1, 4, 8, 16):
+            raise SettingsError(f"lanes {lanes} is not 1, 4, 8 or 16")
         if mapping not in (None, "tile", "pixel"):
             raise SettingsError(f"mapping {mapping!r} is neither 'tile' nor 'pixel'")
         if mapping == "pixel" and lanes not in (None, 1):

@@ -118,7 +118,9 @@ def test_an_image_beyond_the_device_is_refused(monkeypatch):
         renderer.render(SPLATS, CAMERA)
 
 
-@pytest.mark.parametrize("kwargs", [{"tile_size": 7}, {"lanes": 3}, {"lanes": 16}])
+@pytest.mark.parametrize(
+    "kwargs", [{"tile_size": 7}, {"lanes": 3}, {"lanes": 32}, {"mapping": "row"}, {"lanes": 4, "mapping": "pixel"}]
+)
 def test_sizes_the_kernels_do_not_have_are_refused(kwargs):
     with pytest.raises(splatcl.SplatclError, match=next(iter(kwargs))):
         splatcl.Renderer(**kwargs)
