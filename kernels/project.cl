@@ -1,4 +1,5 @@
 // Project: splats -> the records that the raster passes stream, and how many each chunk puts into each tile.
+// Centres may have a low word (CENTER_LOW 1: float64 input in single precision).
 // A work-item takes one chunk of splats, LANES at a time, and writes the survivors compactly and in order.
 
 #include "arithmetic.h"
@@ -20,22 +21,25 @@ typedef struct {
   twofloat x, y, z;
 } eye_point;
 
-static inline twofloat eye_coordinate(reals3 world, twofloat r0, twofloat r1, twofloat r2, twofloat t)
+static inline twofloat eye_coordinate(reals3 world, reals3 world_low, twofloat r0, twofloat r1, twofloat r2, twofloat t)
 {
   twofloat p0 = two_product(r0.hi, world.x), p1 = two_product(r1.hi, world.y), p2 = two_product(r2.hi, world.z);
   twofloat s1 = two_sum(p0.hi, p1.hi), s2 = two_sum(s1.hi, p2.hi), s3 = two_sum(s2.hi, t.hi);
   reals low = (r0.lo * world.x + r1.lo * world.y) + r2.lo * world.z;
+#if CENTER_LOW
+  low = low + ((r0.hi * world_low.x + r1.hi * world_low.y) + r2.hi * world_low.z);
+#endif
   low = low + ((p0.lo + p1.lo) + p2.lo) + ((s1.lo + s2.lo) + s3.lo) + t.lo;
   return two_sum(s3.hi, low);
 }
 
 #define TWO(name) ((twofloat){(reals)(view->name##_hi), (reals)(view->name##_lo)})
 
-static inline eye_point eye_from_world(constant View *view, reals3 world)
+static inline eye_point eye_from_world(constant View *view, reals3 world, reals3 world_low)
 {
-  eye_point p = {eye_coordinate(world, TWO(r00), TWO(r01), TWO(r02), TWO(t0)),
-                 eye_coordinate(world, TWO(r10), TWO(r11), TWO(r12), TWO(t1)),
-                 eye_coordinate(world, TWO(r20), TWO(r21), TWO(r22), TWO(t2))};
+  eye_point p = {eye_coordinate(world, world_low, TWO(r00), TWO(r01), TWO(r02), TWO(t0)),
+                 eye_coordinate(world, world_low, TWO(r10), TWO(r11), TWO(r12), TWO(t1)),
+                 eye_coordinate(world, world_low, TWO(r20), TWO(r21), TWO(r22), TWO(t2))};
   return p;
 }
 
@@ -143,9 +147,9 @@ static inline void reference(twofloat point, twofloat z, twofloat focal, twofloa
   *offset = (raster.hi - *pixel) + raster.lo;
 }
 
-static inline projected project_splats(constant View *view, reals3 world, reals3 tu_world, reals3 tv_world)
+static inline projected project_splats(constant View *view, reals3 world, reals3 world_low, reals3 tu_world, reals3 tv_world)
 {
-  eye_point c2 = eye_from_world(view, world);
+  eye_point c2 = eye_from_world(view, world, world_low);
   reals3 c = {c2.x.hi, c2.y.hi, c2.z.hi};
   reals3 tu = rotate(view, tu_world), tv = rotate(view, tv_world);
   reals3 g = cross3(tu, tv);
@@ -237,10 +241,11 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
 
 #define LANE(name) (((const real *)&s.name)[lane])
 
-kernel void project(constant View *view, global const real *center, global const real *tangent_u,
-                    global const real *tangent_v, global const real *color, const int num_splats, const int stride,
-                    const int chunk_size, global ProjectedSplat *records, global SplatAttributes *attributes,
-                    global int *num_survivors, global int *tile_counts, const int tiles_x, const int num_tiles)
+kernel void project(constant View *view, global const real *center, global const real *center_low,
+                    global const real *tangent_u, global const real *tangent_v, global const real *color,
+                    const int num_splats, const int stride, const int chunk_size, global ProjectedSplat *records,
+                    global SplatAttributes *attributes, global int *num_survivors, global int *tile_counts,
+                    const int tiles_x, const int num_tiles)
 {
   const int chunk = get_global_id(0);
   const int begin = chunk * chunk_size, end = min(begin + chunk_size, num_splats);
@@ -248,7 +253,9 @@ kernel void project(constant View *view, global const real *center, global const
   for (int tile = 0; tile < num_tiles; ++tile) counts[tile] = 0;
   int survivors = begin;
   for (int i = begin; i < end; i += LANES) {
-    projected s = project_splats(view, load3(center, stride, i), load3(tangent_u, stride, i), load3(tangent_v, stride, i));
+    const reals3 world = load3(center, stride, i);
+    const reals3 world_low = CENTER_LOW ? load3(center_low, stride, i) : world;
+    projected s = project_splats(view, world, world_low, load3(tangent_u, stride, i), load3(tangent_v, stride, i));
     if (!ANY(s.visible)) continue;
     for (int lane = 0; lane < LANES && i + lane < end; ++lane) {
       if (!((const bits *)&s.visible)[lane]) continue;

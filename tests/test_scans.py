@@ -39,13 +39,7 @@ SETTINGS = {"default": RenderSettings(), "bare": RenderSettings(prefilter="none"
 TILE = 16
 
 
-@cache
-def load(path):
-    """Read a scan and round it to float32, which is what the kernels see: a bare text file's numbers are float64,
-    and rounding a centre moves it by up to 1e-5 radii, more than the margin allows for."""
-    splats = read(path)
-    names = ("center", "tangent_u", "tangent_v", "color")
-    return replace(splats, **{n: getattr(splats, n).astype(np.float32) for n in names}, on_invalid="error")
+cached_read = cache(read)
 
 
 def middle_of(camera, size):
@@ -109,7 +103,7 @@ def test_the_oracle_by_tiles_is_the_oracle():
 @pytest.mark.parametrize("path", SCANS, ids=lambda path: path.name)
 def test_the_middle_of_a_scan(renderer, path, name):
     """96 x 96 pixels out of 512 x 512: splats of about a pixel and larger, as scans are looked at."""
-    splats = load(path)
+    splats = cached_read(path)
     camera = middle_of(Camera.framing(splats.bounding_sphere, azimuth=25, elevation=15, width=512, height=512), 96)
     check(renderer, splats, camera, SETTINGS[name], MASKED_SCAN, MASKED_ID_MESH if path.name in MESHES else MASKED_ID)
 
@@ -117,7 +111,7 @@ def test_the_middle_of_a_scan(renderer, path, name):
 @pytest.mark.parametrize("path", SCANS, ids=lambda path: path.name)
 def test_a_whole_scan_in_few_pixels(renderer, path):
     """64 x 64 pixels: up to fifty fragments per pixel, nearly all of them from the pre-filter."""
-    splats = load(path)
+    splats = cached_read(path)
     camera = Camera.framing(splats.bounding_sphere, azimuth=25, elevation=15, width=64, height=64)
     check(renderer, splats, camera, RenderSettings(), MASKED_DENSE_SCAN, MASKED_ID_MESH)
 
