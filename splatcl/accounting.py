@@ -192,7 +192,9 @@ def _run_faults(passes: Passes, kept: _Projected, copies: _Copies, lists: TileLi
         (lists.attributes, "SplatAttributes", kept.attributes),
     ):
         got = passes.device.read(buffer, expected.shape, passes.dtypes[name])
-        wrong = np.logical_or.reduce([_bits(got[field]) != _bits(wanted[field])[expected] for field in got.dtype.names])
+        wrong = np.logical_or.reduce(
+            [_bits(got[field]) != _bits(wanted[field])[expected] for field in got.dtype.names or ()]
+        )
         if wrong.any():
             tile = copies.tile[ends[0] + int(wrong.argmax())]
             yield f"{np.count_nonzero(wrong)} copies of {name}, the first in tile {tile}"

@@ -105,7 +105,7 @@ class Probe:
         yield "albedo", _numbers(self.albedo)
         yield "normal", _numbers(self.normal)
         yield "color", _numbers(self.color)
-        yield "margin", f"{self.margin:.4g}"
+        yield "margin", _margin_text(self.margin)
 
 
 SUMS = ("sum", "red", "green", "blue", "nx", "ny", "nz", "count")
@@ -120,11 +120,15 @@ def _cells(row: ProbeRow) -> list[str]:
         *(f"{value:.4f}" for value in numbers),
         f"{row.z:.7g}",
         f"{row.weight:.5f}",
-        f"{row.margin:.4g}",
-        *(f"{value:.5g}" for value in sums),
+        _margin_text(row.margin),
+        *(f"{value:.4g}" for value in sums),
         str(row.sums.count),
         row.verdict,
     ]
+
+
+def _margin_text(margin: float) -> str:
+    return f">={MAX_MARGIN:g}" if margin >= MAX_MARGIN else f"{margin:.4g}"
 
 
 def _numbers(values: tuple[float, ...]) -> str:

@@ -25,7 +25,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_there_are_examples():
-    assert len(PYTHON) == 2 and len(COMMANDS) == 4
+    assert len(PYTHON) == 2 and len(COMMANDS) == 5
 
 
 @pytest.mark.parametrize("code", PYTHON)
@@ -36,7 +36,7 @@ def test_python_examples_run(folder, code):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_commands_run(folder, command):
     program = str(Path(sys.executable).parent / "splatcl")
-    words = [program, *command.split()[1:]]
+    words = [program, *command.partition("#")[0].split()[1:]]
     result = subprocess.run(words, check=False, timeout=120, capture_output=True, text=True, env=os.environ)
     assert result.returncode == 0, result.stderr
     for output in re.findall(r"\S+\.(?:exr|png)", command):
