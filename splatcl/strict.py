@@ -13,9 +13,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from splatcl import arithmetic
 from splatcl.arithmetic import Arithmetic, Finding
 from splatcl.errors import DeviceError, FileError
+from splatcl.hard_numbers import REALS
 from splatcl.io.atomic import atomic_path
 from splatcl.settings import Precision
 
@@ -64,7 +67,7 @@ class Strictness:
 
     def _distrust(self, key: str, reason: str) -> None:
         if not self._allow_inexact:
-            raise DeviceError(f"{reason}; `splatcl doctor` tells more; --allow-inexact (allow_inexact=True) renders anyway")
+            raise DeviceError(f"{reason}; see `splatcl doctor`, or render with --allow-inexact")
         self._reasons[key] = reason
 
 
@@ -75,7 +78,7 @@ def injected_flags() -> dict[str, str]:
 
 def quick_test(device: DeviceQueue, precision: Precision) -> Arithmetic:
     """Test the vectors that rendering uses, or return what the cache folder remembers of that."""
-    lanes = tuple(sorted({1, min(device.lanes, arithmetic.LANES[precision][-1])}))
+    lanes = tuple(sorted({1, device.lanes_of(np.dtype(REALS[precision]))}))
     path = _cache_folder() / f"arithmetic-{_key(device, precision, lanes)}.json"
     with suppress(OSError, ValueError, KeyError, TypeError):  # none, or damaged
         return _from_json(json.loads(path.read_text()))
