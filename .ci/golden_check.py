@@ -1,0 +1,116 @@
+"""The golden images on one runtime, and the table of several runtimes; .ci/runtimes calls both.
+
+``check FILE [--tiny]`` renders every scene (the tiny ones) in several ways of working, writes FILE as JSON and
+exits 1 where a hash differs. ``seed NAME`` renders under kernels with one error put in on purpose, which Oclgrind
+must report: it exits 0 either way. ``table FILE ...`` prints Markdown and exits 1 where a hash is missing or differs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pyopencl
+
+from splatcl import Renderer, device, golden, pipeline
+from splatcl.errors import DeviceError
+
+WAYS: tuple[dict[str, Any], ...] = (
+    {},
+    {"mapping": "pixel", "tile_size": 8},
+    {"lanes": 4, "tile_size": 32},
+    {"lanes": 16},
+)
+TINY_WAYS: tuple[dict[str, Any], ...] = ({"tile_size": 8}, {"mapping": "pixel", "tile_size": 8}, {"lanes": 1})
+SEEDED = {  # what Oclgrind must report: the kernels' text, and the error in its place
+    "Invalid write": ("if (x >= width || y >= height) continue;", "if (x >= width || y > height) continue;"),
+    "Invalid read": ("for (int i = begin; i < end; ++i) {", "for (int i = begin; i <= end; ++i) {"),
+    "data race": ("count[p] = ", "count[0] = "),
+    "Uninitialized value": ("z_min[b] = (reals)INFINITY;", ""),
+}
+
+
+def main(command: str, *arguments: str) -> int:
+    """Run a command; return the exit status."""
+    pipeline.MIN_CHUNK = pipeline.PLANE_PAD  # several chunks of the few splats
+    if command == "seed" or "--tiny" in arguments:
+        keep_buffers()
+    if command == "check":
+        return check(Path(arguments[0]), TINY_WAYS if "--tiny" in arguments else WAYS, "--tiny" in arguments)
+    return seed(*arguments) if command == "seed" else table([Path(file) for file in arguments])
+
+
+def keep_buffers() -> None:
+    """Free no buffer: Oclgrind 21.10 takes a new one for uninitialised past the end of a freed one of its number."""
+    real, kept = pyopencl.Buffer, []
+
+    def buffer(*args: Any, **kwargs: Any) -> Any:
+        kept.append(real(*args, **kwargs))
+        return kept[-1]
+
+    pyopencl.Buffer = buffer
+
+
+def check(file: Path, ways: tuple[dict[str, Any], ...], tiny: bool) -> int:
+    """Check the hashes in every way of working; write those of the first, the device and the time."""
+    start, failures, done = time.monotonic(), 0, []
+    for way in ways:
+        try:
+            renderer = Renderer(**way)
+        except DeviceError as error:
+            print(f"{way}: not on this runtime: {error}")
+            continue
+        names = [s.name for s in golden.renderable(renderer) if s.tiny or not tiny]
+        mismatches = golden.check(renderer, names)
+        print(*mismatches, f"{way}: {len(names)} scenes, {len(mismatches)} AOVs differ", sep="\n")
+        failures += len(mismatches)
+        done.append(way)
+    renderer, info = Renderer(**ways[0]), device.choose_device()
+    result = {
+        "version": f"{info.version.strip()}; {info.name}, driver {info.handle.driver_version}",
+        "ways": done,
+        "hashes": {s.name: one_hash(renderer, s) for s in golden.renderable(renderer) if s.tiny or not tiny},
+        "seconds": time.monotonic() - start,
+    }
+    file.write_text(json.dumps(result))
+    return int(failures > 0)
+
+
+def one_hash(renderer: Renderer, scene: golden.GoldenScene) -> str:
+    """Return one hash of all the AOVs of a scene."""
+    hashes = golden.digest(renderer.render(scene.splats, scene.camera, scene.settings))
+    return hashlib.sha256(json.dumps(hashes, sort_keys=True).encode()).hexdigest()
+
+
+def seed(error: str) -> int:
+    """Render a scene under kernels with `error` in them."""
+    real, (good, bad) = device.inline_source, SEEDED[error]
+    device.inline_source = lambda *a: real(*a).replace(good, bad)
+    scene = next(s for s in golden.scenes() if s.tiny)
+    golden.digest(Renderer(tile_size=8).render(scene.splats, scene.camera, scene.settings))
+    return 0
+
+
+def table(files: list[Path]) -> int:
+    """Print the devices, and scene by runtime the first digits of each hash; count what differs or is missing."""
+    runtimes = {file.stem: json.loads(file.read_text()) for file in files}
+    print("| runtime | version | ways | scenes | seconds |\n|---|---|---|---|---|")
+    for name, result in runtimes.items():
+        row = [name, result["version"], len(result["ways"]), len(result["hashes"]), f"{result['seconds']:.0f}"]
+        print("|", " | ".join(map(str, row)), "|")
+    print("\n| scene |", " | ".join(runtimes), "|\n|---|" + "---|" * len(runtimes))
+    failures = 0
+    for scene in golden.scenes():
+        hashes = [result["hashes"].get(scene.name) for result in runtimes.values()]
+        print(f"| {scene.name} |", " | ".join(h[:8] if h else "-" for h in hashes), "|")
+        failures += len({h for h in hashes if h}) != 1
+    print(f"\n{len(golden.scenes())} scenes, {failures} of them different")
+    return int(failures > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))
