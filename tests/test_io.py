@@ -477,10 +477,25 @@ def test_inspect_mesh_and_native(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "axis"), [("a.las", "z"), ("a.LAZ", "z"), ("a.ptx", "z"), ("a.ply", "y"), ("a.pts", "y"), ("a", "y")]
+    ("name", "data", "axis"),
+    [
+        ("a.LAZ", None, "z"),  # there is no such file
+        ("a.las", b"LASF", "z"),
+        ("a", b"LASF", "z"),
+        ("a.ptx", b"1", "z"),
+        ("a.ply", ply("ascii", [("vertex", xyz(), rows(POINTS))]), "y"),
+        ("a.ply", gaussian(3), "-y"),
+        ("a.bin", gaussian(2), "-y"),
+        ("a.ply", gaussian(3).replace(b"\n", b"\r\n"), "-y"),
+        ("a.ply", b"ply\nno header", "y"),
+        ("a.pts", b"1", "y"),
+        ("a", b"", "y"),
+    ],
 )
-def test_up_axis(name, axis):
-    assert splatcl.io.up_axis(name) == axis
+def test_up_axis(tmp_path, name, data, axis):
+    if data is not None:
+        put(tmp_path / name, data)
+    assert splatcl.io.up_axis(tmp_path / name) == axis
 
 
 def test_import_is_light():

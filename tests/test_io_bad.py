@@ -34,6 +34,10 @@ BAD = [
     ("a.ply", PLY + "end_header\n" + XYZ[:12], "element 'vertex': row 2: early end-of-file"),
     ("a.ply", PLY + "end_header\n" + "0 0 0\n1 zero 0\n0 1 0\n", "element 'vertex': row 1: property 'y': malformed"),
     ("a.ply", PLY.replace("vertex 3", "vertex 99999999999") + "end_header\n", "line 3 announces 99999999999 rows"),
+    ("a.ply", PLY.replace("vertex 3", "vertex -3") + "end_header\n", "line 3 announces -3 rows of element vertex;"),
+    ("a.ply", PLY + "end_header\n" + XYZ + "1 1 0\n", "line 11 follows the last of the 3 rows"),
+    ("a.ply", PLY + FACE + XYZ + "3 0 1 2\n\n3 1 2 0\n", "line 15 follows the last of the 4 rows"),
+    ("a.ply", PLY.replace("\n", "\r\n") + "end_header\r\n" + XYZ + "x\n", "line 11 follows the last of the 3 rows"),
     ("a.ply", PLY.replace("vertex 3", "vertex 0") + "end_header\n", "holds no points"),
     ("a.ply", PLY.replace("float z", "float w") + "end_header\n" + XYZ, "no element has properties x y z"),
     ("a.ply", PLY.replace("float z", "quad z") + "end_header\n" + XYZ, "not a readable PLY file"),
@@ -104,6 +108,11 @@ def test_bad_file_is_one_line_that_names_path_and_place(tmp_path, name, data, me
     assert "\n" not in text
     with pytest.raises(FileError):
         splatcl.io.inspect(path)
+
+
+def test_blank_lines_may_follow_the_rows_of_a_ply(tmp_path):
+    (tmp_path / "a.ply").write_text(PLY + "end_header\n" + XYZ + "\n  \n\r\n")
+    assert len(splatcl.io.read(tmp_path / "a.ply")) == 3
 
 
 def test_missing_file_and_directory(tmp_path):

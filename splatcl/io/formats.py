@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -24,7 +25,7 @@ READERS = {
     ".glb": "mesh.read_glb",
 }  # fmt: skip
 MAGIC = {b"ply\n": ".ply", b"ply\r": ".ply", b"LASF": ".las", b"glTF": ".glb", b"PK\x03\x04": ".npz"}
-Z_UP = (".las", ".laz", ".ptx", ".e57")
+Z_UP = (".las", ".laz", ".ptx")
 
 
 def read(path: str | os.PathLike[str], on_invalid: OnInvalid = "error") -> Splats:
@@ -60,9 +61,27 @@ def read(path: str | os.PathLike[str], on_invalid: OnInvalid = "error") -> Splat
         raise InvalidSplatsError(f"{model.path}: {error}") from None
 
 
-def up_axis(path: str | os.PathLike[str]) -> Literal["y", "z"]:
-    """Return the axis that conventionally points up in files of this extension: z in surveys, else y."""
-    return "z" if Path(path).suffix.lower() in Z_UP else "y"
+def up_axis(path: str | os.PathLike[str]) -> Literal["y", "-y", "z"]:
+    """Return the axis that conventionally points up in files of this kind.
+
+    z in surveys, -y in Gaussians (they are trained with COLMAP's cameras, y down), else y.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    with suppress(OSError), path.open("rb") as stream:
+        suffix = _kind(path, stream.read(16))
+    if suffix == ".ply" and path.is_file():
+        from splatcl.io import gaussians, native, ply
+
+        names = ply.property_names(path)
+        return "-y" if names >= gaussians.COLUMNS and not names >= native.COLUMNS else "y"
+    return "z" if suffix in Z_UP else "y"
+
+
+def _kind(path: Path, head: bytes) -> str:
+    """Return the extension that stands for a file's type, by its first bytes where they tell."""
+    suffix = path.suffix.lower()
+    return suffix if suffix in (".las", ".laz") else MAGIC.get(head[:4], suffix)
 
 
 def _splats(model: Model, on_invalid: OnInvalid) -> Splats:
@@ -108,9 +127,7 @@ def load_model(path: str | os.PathLike[str]) -> Model:
             head = stream.read(16)
         if not head:
             raise FileError(f"{path}: is empty")
-        suffix = path.suffix.lower()
-        if suffix not in (".las", ".laz"):
-            suffix = MAGIC.get(head[:4], suffix)
+        suffix = _kind(path, head)
         if suffix not in READERS:
             known = " ".join(sorted(name.lstrip(".") for name in READERS))
             raise FileError(f"{path}: unknown file type {suffix or 'without an extension'}; known are {known}")
@@ -118,6 +135,6 @@ def load_model(path: str | os.PathLike[str]) -> Model:
         reader: Callable[[Path], Model] = getattr(importlib.import_module(f"splatcl.io.{module}"), function)
         return reader(path)
     except OSError as error:
-        raise FileError(f"{path}: {error.strerror or error}") from None
-    except MemoryError:
-        raise FileError(f"{path}: there is not enough memory to read it") from None
+        raise FileError(f"{path}: {error.strerror or error}") from error
+    except MemoryError as error:
+        raise FileError(f"{path}: there is not enough memory to read it") from error

@@ -37,6 +37,8 @@ def read_ply(path: Path) -> Model:
     """
     notes: list[str] = []
     ply = _parse(path, notes)
+    if ply.text:
+        _check_end(path, sum(element.count for element in ply))
     elements = {element.name.lower(): element for element in ply}
     names = [name for name in elements if {"x", "y", "z"} <= {p.name.lower() for p in elements[name].properties}]
     if not names:
@@ -108,19 +110,45 @@ def _header(path: Path) -> re.Match[bytes] | None:
         return HEADER.search(stream.read(MAX_HEADER))
 
 
+def property_names(path: Path) -> frozenset[str]:
+    """Return the names of all properties in a file's header, in lower case; none where there is no header."""
+    header = _header(path)
+    found = re.findall(
+        rb"^[ \t]*property[ \t].*?(\S+)[ \t]*$", header.group(1).replace(b"\r", b"\n") if header else b"", re.M
+    )
+    return frozenset(name.decode("ascii", "replace").lower() for name in found)
+
+
 def _check_counts(path: Path) -> None:
-    """Refuse a header that announces more rows than the file has bytes, before memory is set aside for them."""
+    """Refuse a header that announces fewer rows than 0, or more than the file has bytes and memory is set aside for."""
     header = _header(path)
     if header is None:
         raise FileError(f"{path}: the PLY header has no end_header line; the file is damaged or was cut")
     size = path.stat().st_size
     for index, line in enumerate(re.split(rb"\r\n|\n|\r", header.group(1)), 1):
-        found = re.match(rb"\s*element\s+(\S+)\s+(\d+)", line)
-        if found and int(found.group(2)) > size:
+        found = re.match(rb"\s*element\s+(\S+)\s+(-?\d+)", line)
+        num = int(found.group(2)) if found else 0
+        if found and not 0 <= num <= size:
             name = found.group(1).decode("ascii", "replace")
             raise FileError(
-                f"{path}: line {index} announces {int(found.group(2))} rows of element {name}, "
-                f"but the file has only {size} bytes"
+                f"{path}: line {index} announces {num} rows of element {name}, but the file has only {size} bytes"
+                if num > 0
+                else f"{path}: line {index} announces {num} rows of element {name}; correct the count"
+            )
+
+
+def _check_end(path: Path, num_rows: int) -> None:
+    """Refuse lines after the last row of an ASCII file: its header announces too few."""
+    header = _header(path)
+    if header is None:
+        return
+    data = path.read_bytes()
+    start = len(data[: header.end()].splitlines())
+    for number, line in enumerate(data[header.end() :].splitlines()[num_rows:], start + num_rows + 1):
+        if line.strip():
+            raise FileError(
+                f"{path}: line {number} follows the last of the {num_rows} rows that the header announces; "
+                "correct its counts or remove what follows"
             )
 
 

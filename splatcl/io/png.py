@@ -62,9 +62,7 @@ def to_srgb8(color: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
         Nearest of 256 levels; alpha is not curved.
     """
     if not -MAX_EXPOSURE <= exposure <= MAX_EXPOSURE:
-        raise SettingsError(
-            f"exposure {exposure} is not between -{MAX_EXPOSURE:g} and {MAX_EXPOSURE:g} stops"
-        )
+        raise SettingsError(f"exposure {exposure} is not between -{MAX_EXPOSURE:g} and {MAX_EXPOSURE:g} stops")
     gain = 2.0**exposure
     encoded = np.empty(color.shape, np.uint8)
     for top in range(0, len(color), BAND):
@@ -80,6 +78,4 @@ def to_srgb8(color: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
 def check_exposure(exposure: float) -> None:
     """Raise `SettingsError` unless `exposure` is a number of stops that a PNG can be made with."""
     if not -MAX_EXPOSURE <= exposure <= MAX_EXPOSURE:
-        raise SettingsError(
-            f"exposure {exposure} is not between -{MAX_EXPOSURE:g} and {MAX_EXPOSURE:g} stops"
-        )
+        raise SettingsError(f"exposure {exposure} is not between -{MAX_EXPOSURE:g} and {MAX_EXPOSURE:g} stops")
