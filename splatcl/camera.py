@@ -19,6 +19,8 @@ Projection = Literal["perspective", "orthographic"]
 MAX_SIZE = 16384
 RIGID_TOLERANCE = 1e-4
 """How far from a rotation `eye_from_world` may be; files write matrices with few digits."""
+POLE = 1e-6
+"""Cosine of the elevation below which `up` is along the view of `Camera.framing`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,14 +193,25 @@ class Camera:
             Centre, world space, and radius, scene units (`Splats.bounding_sphere`).
         azimuth, elevation : float
             Degrees. Azimuth 0 looks from +z for ``up`` = y and from -y for ``up`` = z, and turns
-            counter-clockwise seen from above; elevation lifts the eye toward `up`.
+            counter-clockwise seen from above; elevation, -90 to 90, lifts the eye toward `up`. Straight from above
+            (below), the side that azimuth names is at the image's lower (upper) edge.
         up, fov_y, width, height, **kwargs
             As for `look_at`.
+
+        Raises
+        ------
+        CameraError
+            A number is out of its range; the message names it.
         """
-        center, radius = _vector("center", sphere[0]), float(sphere[1]) or 1.0
-        upward = _vector("up", up)
-        if not (-90 < elevation < 90 and np.isfinite(azimuth)):
-            raise CameraError(f"elevation {elevation} must be between -90 and 90 degrees, azimuth {azimuth} finite")
+        center, radius, upward = _vector("center", sphere[0]), float(sphere[1]) or 1.0, _vector("up", up)
+        if not 0 < radius < np.inf:
+            raise CameraError(f"radius {radius} must be finite and not negative")
+        if not np.isfinite(azimuth):
+            raise CameraError(f"azimuth {azimuth} must be finite")
+        if not -90 <= elevation <= 90:
+            raise CameraError(f"elevation {elevation} must be between -90 and 90 degrees")
+        if not (1 <= width <= MAX_SIZE and 1 <= height <= MAX_SIZE):
+            raise CameraError(f"image size {width}x{height} is outside 1x1 to {MAX_SIZE}x{MAX_SIZE}")
         _check_fov(fov_y)
         if not np.linalg.norm(upward) > 0:
             raise CameraError(f"up {up!r} is not a direction")
@@ -208,11 +221,13 @@ class Camera:
         front /= np.linalg.norm(front)
         side = np.cross(upward, front)
         a, e = np.radians(azimuth), np.radians(elevation)
-        outward = np.cos(e) * (np.cos(a) * front + np.sin(a) * side) + np.sin(e) * upward
+        level = np.cos(a) * front + np.sin(a) * side
+        outward = np.cos(e) * level + np.sin(e) * upward
         half = np.arctan(np.tan(np.radians(fov_y) / 2) * min(1.0, width / height))
         distance = radius / np.sin(half)
         kwargs.setdefault("near", max(distance - 1.1 * radius, 1e-3 * radius))
-        return cls.look_at(center + distance * outward, center, upward, fov_y, width, height, **kwargs)
+        top = upward if np.cos(e) > POLE else -np.sign(e) * level
+        return cls.look_at(center + distance * outward, center, top, fov_y, width, height, **kwargs)
 
 
 def _check_fov(fov_y: float) -> None:

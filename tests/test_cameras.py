@@ -166,3 +166,31 @@ def test_the_example_of_the_documentation_is_what_its_text_says(tmp_path):
     np.testing.assert_array_equal(camera.project((0, 0, 0))[0], (400, 300))
     assert camera.project((0, 1, 0))[0][1] < 300  # y of the world points up in the image
     assert all(f"`{key}`" in page.read_text() for key in KEYS)
+
+
+@pytest.mark.parametrize("azimuth", [0, 30])
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, 0, 1)])
+def test_framing_from_the_poles_goes_on_from_the_elevations_before(up, azimuth):
+    sphere = ((1, 2, 3), 2.0)
+    for pole in (90, -90):
+        camera, near = (Camera.framing(sphere, azimuth, e, up) for e in (pole, pole * (1 - 1e-6)))
+        np.testing.assert_allclose(camera.eye_from_world, near.eye_from_world, atol=1e-5)
+        np.testing.assert_allclose(camera.project(sphere[0])[0], (256, 256), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"elevation": 91}, "elevation 91 must be between -90 and 90 degrees"),
+        ({"elevation": float("nan")}, "elevation nan must be between -90 and 90 degrees"),
+        ({"azimuth": float("inf")}, "azimuth inf must be finite"),
+        ({"fov_y": 180}, "fov_y 180 must be between 0 and 180 degrees"),
+        ({"up": (0, 0, 0)}, "up (0, 0, 0) is not a direction"),
+        ({"height": 0}, "image size 512x0 is outside 1x1 to 16384x16384"),
+        ({"sphere": ((0, 0, 0), float("nan"))}, "radius nan must be finite and not negative"),
+        ({"sphere": ((0, 0), 1)}, "center (0, 0) is not three finite numbers"),
+    ],
+)
+def test_framing_names_only_what_is_wrong(changes, message):
+    with pytest.raises(CameraError, match=f"^{re.escape(message)}$"):
+        Camera.framing(**{"sphere": ((0, 0, 0), 1.0), **changes})

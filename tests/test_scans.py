@@ -23,10 +23,8 @@ from splatcl import Camera, RenderSettings, oracle
 from splatcl.io import read
 
 ROOT = Path(__file__).resolve().parents[1]
-OWN = [
-    ROOT / "reference_images" / "scans" / name
-    for name in ("bunny.pts", "1.2-with-color.las", "cloud_bin_0_feature.pcd")
-]
+BUNDLED = ROOT / "reference_images" / "scans"
+OWN = [BUNDLED / name for name in ("bunny.pts", "1.2-with-color.las", "cloud_bin_0_feature.pcd")]
 SHARED = ROOT.parent / "shared" / "data"
 SCANS = [
     *OWN,
