@@ -7,53 +7,18 @@ from typing import get_args, get_origin, get_type_hints
 import imageio.v3 as iio
 import numpy as np
 import pytest
+from cli_stub import SPLATS, run, stub
 
 import splatcl
 import splatcl.io
-from splatcl import Camera, RenderSettings, Splats
+from splatcl import Camera, RenderSettings
 from splatcl.cli import FAILED, INTERRUPTED, MISTAKE, main
-from splatcl.cli.render import axis_vector
+from splatcl.cli.view import axis_vector
 from splatcl.errors import DeviceError, FileError
-from splatcl.frame import Frame
 from splatcl.io.cameras import write_camera
 from splatcl.io.exr import read_exr
 
-SPLATS = Splats([[0.0, 0, 0]], [[1.0, 0, 0]], [[0.0, 1, 0]], notes=("estimated 1 normal from 8 neighbours",))
-
-
-class StubRenderer:
-    """Records what it is asked for and returns a frame whose left half is covered."""
-
-    calls: list
-    made: dict
-
-    def __init__(self, device=None, tile_size=16, allow_inexact=False):
-        type(self).made = {"device": device, "tile_size": tile_size, "allow_inexact": allow_inexact}
-
-    def render(self, splats, camera, settings):
-        type(self).calls.append((splats, camera, settings))
-        color = np.zeros((camera.height, camera.width, 4), np.float32)
-        color[:, : camera.width // 2] = 0.25, 0.25, 0.25, 1.0
-        epsilon = 0.5 if settings.epsilon == "auto" else settings.epsilon
-        return Frame({"color": color}, camera, settings, {"epsilon": epsilon, "device": "stub"})
-
-
-@pytest.fixture
-def stub(monkeypatch, tmp_path):
-    """Replace reading and rendering; work in an empty folder."""
-    StubRenderer.calls = []
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(splatcl, "Renderer", StubRenderer)
-    monkeypatch.setattr(splatcl.io, "read", lambda path, on_invalid="error": SPLATS)
-    monkeypatch.setattr(splatcl.io, "up_axis", lambda path: "z")
-    return StubRenderer
-
-
-def run(capsys, command):
-    """Run in this process; return status, lines of stdout, lines of stderr."""
-    status = main(command.split())
-    captured = capsys.readouterr()
-    return status, captured.out.splitlines(), captured.err.splitlines()
+__all__ = ["stub"]  # a fixture
 
 
 def test_render_writes_both_outputs_and_says_what_it_did(stub, capsys, tmp_path):
@@ -170,19 +135,19 @@ MISTAKES = [
     ("render s.ply -o o.exr --png missing/o.png", "does not exist"),
     ("render s.ply -o o.exr --size 800", "--size '800' is not WIDTHxHEIGHT"),
     ("render s.ply -o o.exr --size 0x5", "0x5' is not WIDTHxHEIGHT"),
-    ("render s.ply -o o.exr --size 99999x5", "99999x5"),
-    ("render s.ply -o o.exr --fov 180", "fov_y 180"),
-    ("render s.ply -o o.exr --fov 0", "fov_y 0"),
-    ("render s.ply -o o.exr --azimuth inf", "azimuth inf"),
+    ("render s.ply -o o.exr --size 99999x5", "--size 99999x5"),
+    ("render s.ply -o o.exr --fov 180", "--fov 180.0 must"),
+    ("render s.ply -o o.exr --fov 0", "--fov 0.0 must"),
+    ("render s.ply -o o.exr --azimuth inf", "--azimuth inf must be finite"),
     ("render s.ply -o o.exr --size -3x5", "--size"),
-    ("render s.ply -o o.exr --epsilon -1", "epsilon -1.0"),
+    ("render s.ply -o o.exr --epsilon -1", "--epsilon -1.0"),
     ("render s.ply -o o.exr --epsilon abc", "abc"),
     ("render s.ply -o o.exr --facing sideways", '"keep", "flip", "cull"'),
-    ("render s.ply -o o.exr --kernel table", "kernel_table"),
+    ("render s.ply -o o.exr --kernel table", "error: --kernel table and --kernel-table go together"),
     ("render s.ply -o o.exr --up w", "--up"),
-    ("render s.ply -o o.exr --elevation 90", "elevation 90"),
+    ("render s.ply -o o.exr --elevation 91", "--elevation 91.0 must be between -90 and 90"),
     ("render s.ply -o o.exr --camera missing.json", "missing.json: cannot read"),
-    ("render s.ply -o o.png --exposure nan", "exposure nan"),
+    ("render s.ply -o o.png --exposure nan", "--exposure nan"),
     ("render s.ply -o o.exr --lights.0.kind point", "Unknown option"),
     ("render s.ply -o o.exr --nonsense", "Unknown option"),
     ("render s.ply t.ply -o o.exr", "t.ply"),
@@ -267,24 +232,3 @@ def test_info_prints_triangles_and_notes(capsys, monkeypatch, tmp_path):
     _, out, _ = run(capsys, "info s.obj")
     assert out[2:4] == ["triangles   1", "attributes  normals, color"]
     assert out[-2:] == ["skipped     nothing", "note: ignored lines of vt"]
-
-
-def test_devices_lists_them_and_stars_the_one_in_use(capsys, monkeypatch):
-    from splatcl import device
-
-    known = [
-        device.DeviceInfo(0, "Platform A", "cpu", "OpenCL 3.0 A", True, {"double": "yes"}, None),
-        device.DeviceInfo(1, "Platform B", "gpu", "OpenCL 1.2 B", False, {"double": "no", "lanes": "1"}, None),
-    ]
-    monkeypatch.setattr(device, "list_devices", lambda: known)
-    monkeypatch.setenv("SPLATCL_DEVICE", "platform b")
-    status, out, err = run(capsys, "devices")
-    assert (status, err) == (0, [])
-    assert out == [
-        "  0  cpu",
-        "     Platform A, OpenCL 3.0 A",
-        "     double yes",
-        "* 1  gpu",
-        "     Platform B, OpenCL 1.2 B",
-        "     double no, lanes 1",
-    ]

@@ -1,17 +1,33 @@
-"""The command line. Exit status: 0 done, 1 the run failed, 2 the user's mistake, 130 interrupted."""
+"""The command line. Exit status: 0 done, 1 the run failed, 2 the user's mistake, 130 interrupted.
+
+Errors speak of Python's parameters, for whoever calls the library; here they are put as options.
+"""
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import sys
 from collections.abc import Sequence
+from dataclasses import fields
 
 from cyclopts import App, CycloptsError, Parameter
 
-from splatcl.errors import CheckError, SplatclError
+from splatcl.errors import CheckError, DeviceError, SplatclError
+from splatcl.settings import RenderSettings
 
 FAILED, MISTAKE, INTERRUPTED = 1, 2, 130
+MISTAKEN_PATH = frozenset(
+    (errno.ENOENT, errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EROFS)
+)
+"""What the system says of a path that the user got wrong; anything else, such as a full disk, fails the run."""
+OPTIONS = {
+    **{field.name: f"--{field.name.replace('_', '-')}" for field in fields(RenderSettings) if field.name != "lights"},
+    **{name: f"--{name.replace('_', '-')}" for name in ("on_invalid", "tile_size", "allow_inexact", "exposure")},
+    **{"azimuth": "--azimuth", "elevation": "--elevation", "up": "--up", "fov_y": "--fov", "image size": "--size"},
+}
+"""Parameters of the library and the options that set them."""
 
 
 def _version() -> str:
@@ -66,11 +82,35 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except CycloptsError as error:
         return _report(" ".join(str(error).split()), MISTAKE)
     except SplatclError as error:
-        return _report(str(error), MISTAKE)
+        return _report(as_options(str(error)), FAILED if run_failed(error) else MISTAKE)
     except (OSError, MemoryError, CheckError) as error:
         return _report(str(error) or "out of memory", FAILED)
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+def run_failed(error: SplatclError) -> bool:
+    """Whether an error comes from the system or the OpenCL runtime failing, and not from what was given."""
+    cause = error.__cause__ or error.__context__
+    if isinstance(cause, OSError):
+        return cause.errno not in MISTAKEN_PATH
+    return isinstance(cause, MemoryError) or (isinstance(error, DeviceError) and cause is not None)
+
+
+def as_options(message: str) -> str:
+    """Return an error's text with the library's parameters as options: ``on_invalid='drop'`` as ``--on-invalid drop``.
+
+    A name is one where ``=`` follows, where it has an underscore, or at the beginning of the text.
+    """
+    names = "|".join(sorted(map(re.escape, OPTIONS), key=len, reverse=True))
+    message = re.sub(
+        rf"(?<![\w./'\"-])({names})=(?:'([^']*)'|([\w.]+))",
+        lambda found: f"{OPTIONS[found[1]]} {found[2] or found[3]}".removesuffix(" True"),
+        message,
+    )
+    message = re.sub(rf"^({names})(?=[ .])", lambda found: OPTIONS[found[1]], message)
+    compound = "|".join(name for name in OPTIONS if "_" in name)
+    return re.sub(rf"(?<![\w./'\"-])({compound})(?![\w/=-]|\.\w)", lambda found: OPTIONS[found[1]], message)
 
 
 def _report(message: str, status: int) -> int:

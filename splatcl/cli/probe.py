@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from splatcl.cli.render import View, read_scan
+from splatcl.cli.view import View, read_scan
 from splatcl.progress import stage
 from splatcl.settings import RenderSettings
 from splatcl.splats import OnInvalid

@@ -2,118 +2,25 @@
 
 from __future__ import annotations
 
-import re
+import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 from cyclopts import Parameter
-from numpy.typing import ArrayLike
 
-from splatcl.camera import Camera, Projection
-from splatcl.errors import CameraError, CheckError, SettingsError
+from splatcl.cli.view import View, read_scan
+from splatcl.errors import CheckError, SettingsError
 from splatcl.progress import stage
 from splatcl.settings import RenderSettings
-from splatcl.splats import OnInvalid, Splats
+from splatcl.splats import OnInvalid
 
 if TYPE_CHECKING:
     from splatcl.frame import Frame
 
-Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
-DEFAULT_SIZE = "512x512"
-
-
-@dataclass
-class View:
-    """Where to look from: a camera file, or a framing of the whole scan.
-
-    Parameters
-    ----------
-    camera : path
-        Camera file (docs/cameras.md); excludes the other options of this group.
-    size : str
-        Image size, WIDTHxHEIGHT pixels [default: 512x512].
-    azimuth : float
-        Degrees around the scan, counter-clockwise seen from above [default: 0].
-    elevation : float
-        Degrees above the scan [default: 0].
-    fov : float
-        Vertical angle of view, degrees [default: 45].
-    up : str
-        World axis that points up in the image [default: as the file's format has it].
-    projection : str
-        Perspective, or orthographic with what is seen at the scan's middle [default: perspective].
-    """
-
-    camera: Path | None = None
-    size: str | None = None
-    azimuth: float | None = None
-    elevation: float | None = None
-    fov: float | None = None
-    up: Annotated[Axis | None, Parameter(allow_leading_hyphen=True)] = None
-    projection: Projection | None = None
-
-    def file_camera(self) -> Camera | None:
-        """Return the camera of the file; where none is given check the other options and return None."""
-        from splatcl.io.cameras import read_camera
-
-        if self.camera is None:
-            self.framing(((0.0, 0.0, 0.0), 1.0), "y")
-            return None
-        for name in ("size", "azimuth", "elevation", "fov", "up", "projection"):
-            if getattr(self, name) is not None:
-                raise CameraError(f"--camera and --{name} exclude each other: the camera file says it all")
-        return read_camera(self.camera)
-
-    def framing(self, sphere: tuple[ArrayLike, float], up: str) -> Camera:
-        """Return a camera that sees all of a bounding sphere; `up` is the axis where no option gives one."""
-        width, height = self.image_size()
-        return Camera.framing(
-            sphere,
-            self.azimuth or 0.0,
-            self.elevation or 0.0,
-            axis_vector(self.up or up),
-            45.0 if self.fov is None else self.fov,
-            width,
-            height,
-            projection=self.projection or "perspective",
-        )
-
-    def image_size(self) -> tuple[int, int]:
-        """Return width and height, pixels."""
-        match = re.fullmatch(r"([1-9]\d{0,8})x([1-9]\d{0,8})", self.size or DEFAULT_SIZE)
-        if not match:
-            raise CameraError(f"--size {self.size!r} is not WIDTHxHEIGHT, such as 800x600")
-        return int(match[1]), int(match[2])
-
-
-def read_scan(
-    scan: Path, on_invalid: OnInvalid, view: View, camera: Camera | None, say: Callable[[str], None] = print
-) -> tuple[Splats, Camera]:
-    """Return the splats of a file, and `camera` or else one that frames them; `say` what was done."""
-    from splatcl import io
-
-    start = time.perf_counter()
-    with stage(f"Reading {scan.name}"):
-        splats = io.read(scan, on_invalid)
-    say(f"read {scan}: {len(splats)} splats in {_seconds_since(start)}")
-    for note in splats.notes:
-        say(f"note: {note}")
-    if camera:
-        return splats, camera
-    framed = splats.without_outliers()
-    if len(framed) < len(splats):
-        say(f"note: framed without {len(splats) - len(framed)} strays, which are rendered all the same")
-    return splats, view.framing(framed.bounding_sphere, io.up_axis(scan))
-
-
-def axis_vector(axis: str) -> tuple[float, float, float]:
-    """Return the unit vector of "x", "-z" ..."""
-    sign = -1.0 if axis.startswith("-") else 1.0
-    x, y, z = (sign * (axis[-1] == letter) for letter in "xyz")
-    return x, y, z
+MAX_SAMPLES = 1_000_000
+"""Pixels that are looked at, about, to see which way the normals face."""
 
 
 def render(
@@ -177,6 +84,8 @@ def render(
         covered = float((frame.color[..., 3] > 0).mean())
     took = _seconds_since(start)
     print(f"rendered {frame.width}x{frame.height} in {took}; splats cover {covered:.1%} of the image")
+    for hint in hints(frame, covered):
+        print(f"note: {hint}")
     print(f"device {frame.metadata['device']}")
     if "inexact" in frame.metadata:
         print(f"note: inexact: {frame.metadata['inexact']}")
@@ -190,6 +99,28 @@ def render(
     save(frame, outputs, exposure)
     if failed:
         raise CheckError(f"{', '.join(failed)}: the check failed; the image is not to be trusted")
+
+
+def hints(frame: Frame, covered: float) -> list[str]:
+    """Say what may be wrong with the view of a picture of which `covered` is the share that splats cover."""
+    if not covered:
+        return ["nothing visible: check the camera's position, near and far and axes"]
+    if frame.settings.facing == "keep" and most_face_away(frame):
+        return ["most normals face away from the camera; try --facing flip"]
+    return []
+
+
+def most_face_away(frame: Frame) -> bool:
+    """Whether the normals of over half of the covered pixels point away from the eye; of a sample of the pixels."""
+    step = max(1, math.isqrt(frame.width * frame.height // MAX_SAMPLES))
+    rows, columns = np.arange(0, frame.height, step), np.arange(0, frame.width, step)
+    normal, covered = frame["N"][::step, ::step], frame.color[::step, ::step, 3] > 0
+    camera = frame.camera
+    along = normal[..., 2].astype(np.float64)
+    if camera.projection == "perspective":
+        along += normal[..., 0] * ((columns + 0.5 - camera.cx) / camera.fx)
+        along += normal[..., 1] * ((rows + 0.5 - camera.cy) / camera.fy)[:, None]
+    return bool(np.count_nonzero(along[covered] > 0) > np.count_nonzero(covered) / 2)
 
 
 def _check(frame: Frame) -> list[str]:
