@@ -34,6 +34,8 @@ def splats_from_mesh(
 ) -> Splats:
     """Make splats that cover every triangle of a mesh.
 
+    Triangles of no area are skipped, for they cover nothing; a note says how many and which is the first.
+
     Parameters
     ----------
     vertices : (V, 3) float array
@@ -69,13 +71,12 @@ def splats_from_mesh(
     reason = _reasons(corners, corner_color)
     num_dropped = int(np.count_nonzero(reason == 1))
     if num_dropped:
-        first = int(np.flatnonzero(reason == 1)[0])
-        text = f"{num_dropped} of {len(reason)} triangles with {REASONS[1]} (the first is face {first})"
+        text = _describe(reason, 1)
         if on_invalid == "error":
             raise InvalidSplatsError(f"{text}; drop them with on_invalid='drop'")
         all_notes.append(f"dropped {text}")
     if (reason == 2).any():
-        all_notes.append(f"skipped {np.count_nonzero(reason == 2)} of {len(reason)} triangles with {REASONS[2]}")
+        all_notes.append(f"skipped {_describe(reason, 2)}")
     solid = reason == 0
     if not solid.any():
         raise InvalidSplatsError(f"none of {len(solid)} triangles has finite corners and an area above 1e-15")
@@ -182,6 +183,11 @@ def _reasons(corners: NDArray[Any], color: NDArray[Any] | None) -> NDArray[np.ui
     long, short = np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1)
     flat = (long * short < 2 * MIN_AREA) | (short < MIN_ASPECT * long)
     return np.select([~valid, flat], [1, 2], 0).astype(np.uint8)
+
+
+def _describe(reason: NDArray[np.uint8], which: int) -> str:
+    bad = np.flatnonzero(reason == which)
+    return f"{len(bad)} of {len(reason)} triangles with {REASONS[which]} (the first is face {bad[0]})"
 
 
 def _flip_to(corners: NDArray[Any], color: NDArray[Any] | None, normals: NDArray[Any]) -> int:

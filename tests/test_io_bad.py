@@ -2,26 +2,13 @@
 
 import struct
 import sys
-import time
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from io_files import FACE, PCD, PLY, PTX, RAW, SOLID, STL, XYZ_ROWS, one_splat
 
 import splatcl.io
-from splatcl.errors import FileError, InvalidSplatsError, SettingsError, SplatclError
-from splatcl.splats import Splats
-
-PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-FACE = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
-XYZ = "0 0 0\n1 0 0\n0 1 0\n"
-PCD = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {0}\nHEIGHT 1\n"
-PCD += "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS {0}\nDATA ascii\n" + XYZ
-PTX = "1\n{}\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 0 0 0.5\n0 1 0 0.5\n"
-RAW = struct.pack("<I9f", 3, *range(9)) + struct.pack("<4I", 1, 0, 1, 2)
-SOLID = "solid\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendfacet\nendsolid\n"
-STL = b"binary".ljust(80) + struct.pack("<I12fH", 1, *range(12), 0)
+from splatcl.errors import FileError, InvalidSplatsError, SettingsError
 
 BAD = [
     ("a.ply", b"", "is empty"),
@@ -31,21 +18,21 @@ BAD = [
     # PLY
     ("a.ply", b"hello", "the PLY header has no end_header line"),
     ("a.ply", PLY[:60], "the PLY header has no end_header line"),
-    ("a.ply", PLY + "end_header\n" + XYZ[:12], "element 'vertex': row 2: early end-of-file"),
+    ("a.ply", PLY + "end_header\n" + XYZ_ROWS[:12], "element 'vertex': row 2: early end-of-file"),
     ("a.ply", PLY + "end_header\n" + "0 0 0\n1 zero 0\n0 1 0\n", "element 'vertex': row 1: property 'y': malformed"),
     ("a.ply", PLY.replace("vertex 3", "vertex 99999999999") + "end_header\n", "line 3 announces 99999999999 rows"),
     ("a.ply", PLY.replace("vertex 3", "vertex -3") + "end_header\n", "line 3 announces -3 rows of element vertex;"),
-    ("a.ply", PLY + "end_header\n" + XYZ + "1 1 0\n", "line 11 follows the last of the 3 rows"),
-    ("a.ply", PLY + FACE + XYZ + "3 0 1 2\n\n3 1 2 0\n", "line 15 follows the last of the 4 rows"),
-    ("a.ply", PLY.replace("\n", "\r\n") + "end_header\r\n" + XYZ + "x\n", "line 11 follows the last of the 3 rows"),
+    ("a.ply", PLY + "end_header\n" + XYZ_ROWS + "1 1 0\n", "line 11 follows the last of the 3 rows"),
+    ("a.ply", PLY + FACE + XYZ_ROWS + "3 0 1 2\n\n3 1 2 0\n", "line 15 follows the last of the 4 rows"),
+    ("a.ply", PLY.replace("\n", "\r\n") + "end_header\r\n" + XYZ_ROWS + "x\n", "line 11 follows the last of the 3"),
     ("a.ply", PLY.replace("vertex 3", "vertex 0") + "end_header\n", "holds no points"),
-    ("a.ply", PLY.replace("float z", "float w") + "end_header\n" + XYZ, "no element has properties x y z"),
-    ("a.ply", PLY.replace("float z", "quad z") + "end_header\n" + XYZ, "not a readable PLY file"),
+    ("a.ply", PLY.replace("float z", "float w") + "end_header\n" + XYZ_ROWS, "no element has properties x y z"),
+    ("a.ply", PLY.replace("float z", "quad z") + "end_header\n" + XYZ_ROWS, "not a readable PLY file"),
     ("a.ply", PLY.replace("ascii", "binary_little_endian") + "end_header\n" + "x" * 30, "row 2: early end-of-file"),
-    ("a.ply", PLY + FACE + XYZ + "3 0 1 3\n", "face 0 refers to vertices 0, 1, 3, but there are 3"),
-    ("a.ply", PLY + FACE + XYZ + "3 0 1 -1\n", "face 0 refers to vertices 0, 1, -1"),
-    ("a.ply", PLY + FACE + XYZ + "3 0 1\n", "element 'face': row 0"),
-    ("a.ply", PLY + FACE.replace("vertex_indices", "corners") + XYZ + "3 0 1 2\n", "no list vertex_indices"),
+    ("a.ply", PLY + FACE + XYZ_ROWS + "3 0 1 3\n", "face 0 refers to vertices 0, 1, 3, but there are 3"),
+    ("a.ply", PLY + FACE + XYZ_ROWS + "3 0 1 -1\n", "face 0 refers to vertices 0, 1, -1"),
+    ("a.ply", PLY + FACE + XYZ_ROWS + "3 0 1\n", "element 'face': row 0"),
+    ("a.ply", PLY + FACE.replace("vertex_indices", "corners") + XYZ_ROWS + "3 0 1 2\n", "no list vertex_indices"),
     # text
     ("a.xyz", "0 0 0\n1 one 0\n", "line 2: 'one' is not a number"),
     ("a.xyz", "0 0 0\n1 0\n", "line 2 has 2 numbers; a point needs x y z"),
@@ -54,8 +41,8 @@ BAD = [
     ("a.xyz", "# nothing\n", "holds no points"),
     ("a.xyz", b"0 0 0\n\0\n", "byte 6 is zero"),
     ("a.csv", "x,y,z,nx\n0,0,0\n", "4 columns are named but line 2 has 3 numbers"),
-    ("a.pts", "5\n" + XYZ, "line 1 announces 5 points but 3 follow"),
-    ("a.pts", "# c\n2\n" + XYZ, "line 2 announces 2 points but 3 follow"),
+    ("a.pts", "5\n" + XYZ_ROWS, "line 1 announces 5 points but 3 follow"),
+    ("a.pts", "# c\n2\n" + XYZ_ROWS, "line 2 announces 2 points but 3 follow"),
     ("a.ptx", PTX.format(3), "line 1 announces 3 points but 2 lines follow line 10"),
     ("a.ptx", PTX.format("two"), "line 1 does not begin a PTX scan"),
     ("a.ptx", PTX.format(2) + "junk\n", "line 13 does not begin a PTX scan"),
@@ -75,13 +62,13 @@ BAD = [
     ("a.obj", "v 0 0 0\nf a b c\n", "line 2: invalid literal"),
     ("a.obj", "v 0 0 0\nv 1 0 0 1 1 1\n", "some vertices have colours and some have not"),
     ("a.obj", "hello\n", "holds no points"),
-    ("a.off", "5 3 0\n" + XYZ, "begins with '5', not with one of OFF"),
+    ("a.off", "5 3 0\n" + XYZ_ROWS, "begins with '5', not with one of OFF"),
     ("a.off", "OFF\n", "line 1 must hold the numbers of vertices"),
-    ("a.off", "OFF\n3 many 0\n" + XYZ, "line 2 must hold the numbers of vertices"),
-    ("a.off", "OFF\n3 1 0\n" + XYZ, "announces 3 vertices and 1 faces but 3 lines follow"),
+    ("a.off", "OFF\n3 many 0\n" + XYZ_ROWS, "line 2 must hold the numbers of vertices"),
+    ("a.off", "OFF\n3 1 0\n" + XYZ_ROWS, "announces 3 vertices and 1 faces but 3 lines follow"),
     ("a.off", "OFF\n3 1 0\n0 0 0\n1 0\n0 1 0\n3 0 1 2\n", "line 4 has 2 numbers"),
-    ("a.off", "OFF\n3 1 0\n" + XYZ + "4 0 1 2\n", "line 6 announces a face of 4 corners but has 3"),
-    ("a.off", "OFF\n3 1 0\n" + XYZ + "3 0 1 7\n", "face 0 refers to vertices 0, 1, 7"),
+    ("a.off", "OFF\n3 1 0\n" + XYZ_ROWS + "4 0 1 2\n", "line 6 announces a face of 4 corners but has 3"),
+    ("a.off", "OFF\n3 1 0\n" + XYZ_ROWS + "3 0 1 7\n", "face 0 refers to vertices 0, 1, 7"),
     ("a.stl", STL[:-1], "byte 80 announces 1 triangles, which take 134 bytes, but the file has 133"),
     ("a.stl", SOLID + SOLID[:30], "has 4 vertex lines but 1 whole triangles"),
     ("a.glb", b"glTF" + bytes(30), "not a readable GLB file"),
@@ -111,7 +98,7 @@ def test_bad_file_is_one_line_that_names_path_and_place(tmp_path, name, data, me
 
 
 def test_blank_lines_may_follow_the_rows_of_a_ply(tmp_path):
-    (tmp_path / "a.ply").write_text(PLY + "end_header\n" + XYZ + "\n  \n\r\n")
+    (tmp_path / "a.ply").write_text(PLY + "end_header\n" + XYZ_ROWS + "\n  \n\r\n")
     assert len(splatcl.io.read(tmp_path / "a.ply")) == 3
 
 
@@ -179,13 +166,9 @@ def test_glb_that_needs_an_unknown_extension(tmp_path):
         splatcl.io.read(tmp_path / "a.glb")
 
 
-def one_splat():
-    return Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
-
-
 @pytest.mark.parametrize("name", ["a.obj", "a", "none/a.ply"])
 def test_splats_are_not_written_elsewhere(tmp_path, name):
-    with pytest.raises(FileError, match=r"\.ply or \.npz|No such file"):
+    with pytest.raises(FileError, match=r"\.ply or \.npz|does not exist"):
         splatcl.io.write(one_splat(), tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 
@@ -199,7 +182,7 @@ def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "savez", fail)
-    with pytest.raises(FileError, match=r"cannot be written .No space left on device"):
+    with pytest.raises(FileError, match=r"cannot write: No space left on device"):
         splatcl.io.write(one_splat(), path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
@@ -221,94 +204,3 @@ def test_damaged_native_files(tmp_path):
     (tmp_path / "a.ply").write_bytes(data)
     with pytest.raises(FileError, match="the splatcl comment in its header is damaged"):
         splatcl.io.read(tmp_path / "a.ply")
-
-
-def laz_bytes(folder, name="a.laz"):
-    import laspy
-
-    survey = laspy.LasData(laspy.LasHeader(version="1.2", point_format=3))
-    survey.x, survey.y, survey.z = np.random.default_rng(1).random((3, 20))
-    survey.write(folder / name)
-    return (folder / name).read_bytes()
-
-
-@pytest.mark.parametrize("name", ["a.las", "a.laz"])
-@pytest.mark.parametrize("place", [96, 100, 105, 107])
-def test_damaged_counts_of_a_survey_are_refused_at_once(tmp_path, name, place):
-    data = bytearray(laz_bytes(tmp_path, name))
-    data[place : place + 4] = b"\xff\xff\xff\xff"
-    (tmp_path / name).write_bytes(data)
-    start = time.perf_counter()
-    with pytest.raises(FileError, match=r"byte (96|105)|not a readable LAZ"):
-        splatcl.io.read(tmp_path / name)
-    assert time.perf_counter() - start < 5
-
-
-def test_damaged_chunk_table_of_a_laz_is_refused(tmp_path):
-    data = bytearray(laz_bytes(tmp_path))
-    table = struct.unpack_from("<q", data, struct.unpack_from("<I", data, 96)[0])[0]
-    data[table + 4 : table + 8] = b"\xff\xff\xff\xff"  # lazrs aborts the whole process at this
-    (tmp_path / "a.laz").write_bytes(data)
-    with pytest.raises(FileError, match="damaged or was cut"):
-        splatcl.io.read(tmp_path / "a.laz")
-
-
-@pytest.fixture(scope="module")
-def small_files(tmp_path_factory):
-    """Return (folder, {name: bytes}) of one small good file of each kind."""
-    from pypcd4 import Encoding, PointCloud
-
-    folder = tmp_path_factory.mktemp("fuzz")
-    points = np.random.default_rng(2).random((8, 3)).astype(np.float32)
-    files = {
-        "a.xyz": ("0.5 2 3\n" * 3 + XYZ).encode(),
-        "a.pts": ("3\n" + XYZ.replace("\n", " 7 10 20 255\n")).encode(),
-        "a.ptx": PTX.format(2).encode(),
-        "ascii.ply": (PLY + FACE + XYZ + "3 0 1 2\n").encode(),
-        "binary.ply": (PLY.replace("ascii", "binary_big_endian") + FACE).encode()
-        + struct.pack(">9fB3i", 0, 0, 0, 1, 0, 0, 0, 1, 0, 3, 0, 1, 2),
-        "ascii.pcd": PCD.format(3).encode(),
-        "a.obj": ("v " + XYZ.replace("\n", "\nv ", 2) + "f 1 2 3\n").encode(),
-        "a.off": ("COFF\n3 1 0\n" + XYZ.replace("\n", " 9 99 255\n") + "3 0 1 2\n").encode(),
-        "a.stl": STL,
-        "a.raw": RAW,
-        "a.laz": laz_bytes(folder),
-        "a.las": laz_bytes(folder, "a.las"),
-    }
-    for encoding in (Encoding.BINARY, Encoding.BINARY_COMPRESSED):
-        PointCloud.from_xyz_points(points).save(folder / "p.pcd", encoding)
-        files[f"{encoding.value}.pcd"] = (folder / "p.pcd").read_bytes()
-    for name in ("native.ply", "native.npz"):
-        splatcl.io.write(one_splat(), folder / name)
-        files[name] = (folder / name).read_bytes()
-    return folder, files
-
-
-EDIT = st.tuples(
-    st.integers(0, 2000),
-    st.sampled_from(["set", "insert", "delete", "cut"]),
-    st.one_of(st.binary(min_size=1, max_size=4), st.sampled_from([b"-1", b"nan", b"\n", b" ", b"9" * 12, b"\xff" * 4])),
-)
-
-
-@settings(
-    max_examples=400, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
-@given(data=st.data(), edits=st.lists(EDIT, min_size=1, max_size=4))
-def test_damaged_bytes_give_splats_or_a_clear_error(small_files, data, edits):
-    folder, files = small_files
-    name = data.draw(st.sampled_from(sorted(files)))
-    content = bytearray(files[name])
-    for place, kind, new in edits:
-        place %= len(content) + 1
-        end = {"set": place + len(new), "insert": place, "delete": place + len(new), "cut": len(content)}[kind]
-        content[place:end] = new if kind in ("set", "insert") else b""
-    path = folder / f"damaged_{name}"
-    path.write_bytes(content)
-    start = time.perf_counter()
-    try:
-        assert isinstance(splatcl.io.read(path, data.draw(st.sampled_from(["error", "drop"]))), Splats)
-    except SplatclError as error:
-        assert str(error).startswith(f"{path}: ")
-        assert "\n" not in str(error)
-    assert time.perf_counter() - start < 10

@@ -131,7 +131,7 @@ def test_flat_triangles_are_skipped_and_counted():
     vertices, faces = cube()
     faces = np.vstack([faces, [[0, 0, 1], [2, 2, 2]]])
     splats = splats_from_mesh(vertices, faces)
-    assert "skipped 2 of 14 triangles with no area" in splats.notes
+    assert "skipped 2 of 14 triangles with no area (the first is face 12)" in splats.notes
     assert splats.num_dropped == 0
     with pytest.raises(InvalidSplatsError, match="none of 2 triangles"):
         splats_from_mesh(vertices, faces[-2:])

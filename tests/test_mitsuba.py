@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import mitsuba as mi
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from tolerances import MITSUBA_DEPTH, MITSUBA_EXCLUDED, MITSUBA_MARGIN
 
 from splatcl import Camera, RenderSettings, Splats, oracle
-
-mi = pytest.importorskip("mitsuba")
 
 SIZE = 24
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.errors import FileError
+from splatcl.io.atomic import atomic_path
 from splatcl.io.model import Model, foreign_errors
 from splatcl.splats import Splats
 
@@ -33,8 +33,7 @@ def write(splats: Splats, path: str | os.PathLike[str]) -> None:
     ----------
     splats : Splats
     path : path ending in .ply or .npz
-        Written under a temporary name first and then renamed, so that a reader never sees half a file. The
-        same splats give the same bytes.
+        Appears whole or not at all (`atomic_path`). The same splats give the same bytes.
 
     Raises
     ------
@@ -46,19 +45,8 @@ def write(splats: Splats, path: str | os.PathLike[str]) -> None:
     writer = writers.get(path.suffix.lower())
     if writer is None:
         raise FileError(f"{path}: splats are written as .ply or .npz, not {path.suffix or 'without an extension'}")
-    try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as stream:
-            temporary = Path(stream.name)
-            try:
-                writer(splats, stream)
-                stream.close()
-                temporary.chmod(0o666 & ~_umask())
-                temporary.replace(path)
-            except BaseException:
-                temporary.unlink(missing_ok=True)
-                raise
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written ({error.strerror or error})") from None
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        writer(splats, stream)
 
 
 def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], comments: list[str]) -> Model:
@@ -131,9 +119,3 @@ def _write_ply(splats: Splats, stream: Any) -> None:
 def _write_npz(splats: Splats, stream: Any) -> None:
     arrays = {group: getattr(splats, group) for group in GROUPS}
     np.savez(stream, **arrays, splatcl=np.array(_extra(splats)))
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -15,6 +15,7 @@ from splatcl.io.color import linear_color
 from splatcl.io.model import Model, foreign_errors, require
 
 ASCII = re.compile(rb"^DATA\s+ascii\s*$", re.MULTILINE | re.IGNORECASE)
+DATA = re.compile(rb"^DATA[ \t]+(ascii|binary_compressed|binary)[ \t]*\r?\n", re.MULTILINE | re.IGNORECASE)
 MAX_HEADER = 4096
 
 
@@ -66,6 +67,35 @@ def _check_header(path: Path, data: bytes) -> None:
             raise FileError(
                 f"{path}: {found.group(1).decode()} is {max(numbers)}, but the file has only {len(data)} bytes"
             )
+    _check_end(path, data)
+
+
+def _check_end(path: Path, data: bytes) -> None:
+    """Refuse a file that ends before its last point."""
+    head = DATA.search(data[:MAX_HEADER])
+    if head is None:
+        return
+    lines = re.finditer(rb"^(SIZE|COUNT|POINTS)[ \t]+([\d \t]+)", data[: head.start()], re.MULTILINE | re.IGNORECASE)
+    numbers = {line.group(1).upper(): [int(word) for word in line.group(2).split()] for line in lines}
+    sizes, points = numbers.get(b"SIZE", []), numbers.get(b"POINTS", [0])[0]
+    counts = numbers.get(b"COUNT") or [1] * len(sizes)
+    start, kind = head.end(), head.group(1).lower()
+    if kind == b"ascii":
+        last = data[start:].rstrip().rpartition(b"\n")[2].split()
+        if 0 < len(last) < sum(counts):
+            raise FileError(
+                f"{path}: its last line has {len(last)} of {sum(counts)} numbers: {sum(counts) - len(last)} are "
+                "missing; the file was cut"
+            )
+        return
+    need = points * sum(size * count for size, count in zip(sizes, counts, strict=False))
+    if kind == b"binary_compressed":
+        need = 8 + int.from_bytes(data[start : start + 4], "little")
+    if len(data) - start < need:
+        raise FileError(
+            f"{path}: the data of its {points} points take {need} bytes from byte {start} on, of which "
+            f"{need - len(data) + start} are missing; the file was cut"
+        )
 
 
 def _stack(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> Any:

@@ -61,8 +61,7 @@ def to_srgb8(color: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
     (H, W, 4) uint8
         Nearest of 256 levels; alpha is not curved.
     """
-    if not -MAX_EXPOSURE <= exposure <= MAX_EXPOSURE:
-        raise SettingsError(f"exposure {exposure} is not between -{MAX_EXPOSURE:g} and {MAX_EXPOSURE:g} stops")
+    check_exposure(exposure)
     gain = 2.0**exposure
     encoded = np.empty(color.shape, np.uint8)
     for top in range(0, len(color), BAND):

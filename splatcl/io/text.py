@@ -20,13 +20,18 @@ NAMES = {
 }  # fmt: skip
 XYZ, NORMAL, RGB = ("x", "y", "z"), ("nx", "ny", "nz"), ("red", "green", "blue")
 COMMENT = re.compile(r"#|//")
+SIX_COLUMNS = (".pwn", ".xyzn", ".xyzrgb")
+"""Formats in which six columns mean one thing."""
+DECIMAL_COMMAS = re.compile(r"[+-]?\d+,\d+(?:[\s;]+[+-]?\d+,\d+)+")
+"""A line on which each comma looks like a decimal one: other separators stand between pairs."""
 
 
 def read_text(path: Path) -> Model:
     """Read one point per line: x y z, then normals and colours where there are more numbers.
 
     Numbers are parsed as float64, separated by blanks, commas, semicolons or tabs; ``#`` and ``//`` begin a
-    comment; the first line may hold the number of points or name the columns.
+    comment; the first line may hold the number of points or name the columns, which are guessed with a note where
+    it does not.
 
     Raises
     ------
@@ -53,7 +58,11 @@ def read_text(path: Path) -> Model:
         )
     if names and len(names) != table.shape[1]:
         raise FileError(f"{path}: {len(names)} columns are named but line {start + 1} has {table.shape[1]} numbers")
-    return _model(path, table, names or _guess_columns(path, table), [])
+    if names:
+        return _model(path, table, names, [])
+    names = _guess_columns(path, table)
+    certain = len(names) == 3 or (len(names) == 6 and path.suffix.lower() in SIX_COLUMNS)
+    return _model(path, table, names, [] if certain else [_guess_note(names, lines[start:])])
 
 
 def read_ptx(path: Path) -> Model:
@@ -205,6 +214,15 @@ def _guess_columns(path: Path, table: NDArray[np.float64]) -> list[str]:
             "first line (x y z nx ny nz red green blue)"
         )
     return [*XYZ, *layouts[num]]
+
+
+def _guess_note(names: list[str], lines: list[str]) -> str:
+    """Say how the columns were taken, and that commas separate numbers where they look like decimal ones."""
+    note = f"took the {len(names)} numbers of a line as {' '.join(names)}; name them in the first line if they are not"
+    first = next(COMMENT.split(line, maxsplit=1)[0].strip() for line in lines if _bare(line))
+    if DECIMAL_COMMAS.fullmatch(first):
+        note += "; commas separate numbers here: write decimal points, not commas"
+    return note
 
 
 def _model(path: Path, table: NDArray[np.float64], names: list[str], notes: list[str]) -> Model:
