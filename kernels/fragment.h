@@ -30,7 +30,7 @@ static inline fragment filter(const ProjectedSplat *s, const SplatAttributes *a,
 #if PREFILTER
   const reals screen_r2 = screen_radius2(a, h, inverse_radius2);
   f.r2 = SELECT(screen_r2, f.r2, f.exists & MASK(f.r2 < screen_r2));
-  f.z = SELECT(s->z, f.z, f.exists);
+  f.z = SELECT(a->center_z, f.z, f.exists);
   f.exists |= MASK(screen_r2 <= R(1.0));
 #endif
   return f;

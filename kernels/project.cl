@@ -10,6 +10,8 @@
 #define SLACK_SIZE R(3.8147e-6)
 #define SLACK_TILT R(9.5367e-7)
 #define EDGE_ON R(1.52587890625e-5)  // |cos(tilt)| at or below which a splat is edge-on (docs/specification.md)
+#define TILTED R(0.03125)             // |cos(tilt)| below which a splat's coefficients need twice the precision
+#define DEEP R(0.25)                 // a disc that reaches deeper than this share of its centre's z
 #define CLEAR R(1e-4)                // a disc whose least z is below this share of its centre's has no finite bounds
 #define NOWHERE R(1e9)               // a pre-filter centre that no pixel is near
 
@@ -41,6 +43,17 @@ static inline eye_point eye_from_world(constant View *view, reals3 world, reals3
                  eye_coordinate(world, world_low, TWO(r10), TWO(r11), TWO(r12), TWO(t1)),
                  eye_coordinate(world, world_low, TWO(r20), TWO(r21), TWO(r22), TWO(t2))};
   return p;
+}
+
+// Tangents to twice the precision; they have no low word and are not translated.
+static inline eye_point rotate_twofloat(constant View *view, reals3 v)
+{
+  const reals3 none = {R(0.0), R(0.0), R(0.0)};
+  const twofloat zero = {R(0.0), R(0.0)};
+  eye_point r = {eye_coordinate(v, none, TWO(r00), TWO(r01), TWO(r02), zero),
+                 eye_coordinate(v, none, TWO(r10), TWO(r11), TWO(r12), zero),
+                 eye_coordinate(v, none, TWO(r20), TWO(r21), TWO(r22), zero)};
+  return r;
 }
 
 static inline reals3 rotate(constant View *view, reals3 v)
@@ -97,7 +110,7 @@ static inline extent near_extent(reals center, reals reach, reals z_low, reals z
 typedef struct {
   reals pixel_x, pixel_y, offset_x, offset_y;
   reals u_x, u_y, u_1, v_x, v_y, v_1, g_x, g_y, z;
-  reals normal_x, normal_y, normal_z, prefilter_x, prefilter_y;
+  reals normal_x, normal_y, normal_z, prefilter_x, prefilter_y, center_z;
   reals x_low, x_high, y_low, y_high;  // raster bounds relative to the pixel grid, clamped to the image
   masks visible;
 } projected;
@@ -138,6 +151,43 @@ static inline void coefficients(constant View *view, projected *s, reals3 tu, re
   s->z = p.z;
 }
 
+#if !ORTHOGRAPHIC
+static inline twofloat two_determinant(twofloat a, twofloat b, twofloat c, twofloat d)  // a b - c d
+{
+  twofloat p = two_multiply(a, b), q = two_multiply(c, d);
+  return two_add(p, (twofloat){-q.hi, -q.lo});
+}
+
+static inline eye_point two_cross(eye_point a, eye_point b)
+{
+  eye_point c = {two_determinant(a.y, b.z, a.z, b.y), two_determinant(a.z, b.x, a.x, b.z),
+                 two_determinant(a.x, b.y, a.y, b.x)};
+  return c;
+}
+
+static inline twofloat two_step(twofloat start, reals u, twofloat tu, reals v, twofloat tv)  // start + u tu + v tv
+{
+  const twofloat u2 = {u, R(0.0)}, v2 = {v, R(0.0)};
+  return two_add(two_add(start, two_multiply(u2, tu)), two_multiply(v2, tv));
+}
+
+// coefficients() to twice the precision and then rounded, in the lanes of `hard`: near edge-on, or where the
+// reference point is far from the centre, the float32 cross products lose the plane.
+static inline void hard_coefficients(constant View *view, projected *s, eye_point tu, eye_point tv, eye_point p, masks hard)
+{
+  eye_point a = two_cross(tv, p), b = two_cross(p, tu), g = two_cross(tu, tv);
+  twofloat gp = two_add(two_add(two_multiply(g.x, p.x), two_multiply(g.y, p.y)), two_multiply(g.z, p.z));
+  twofloat inverse = two_divide(p.z, gp);
+  const reals fx = view->fx_hi, fy = view->fy_hi;
+  s->g_x = SELECT(s->g_x, divide(two_multiply(g.x, inverse).hi, fx), hard);
+  s->g_y = SELECT(s->g_y, divide(two_multiply(g.y, inverse).hi, fy), hard);
+  s->u_x = SELECT(s->u_x, divide(two_multiply(a.x, inverse).hi, fx) + s->u_1 * s->g_x, hard);
+  s->u_y = SELECT(s->u_y, divide(two_multiply(a.y, inverse).hi, fy) + s->u_1 * s->g_y, hard);
+  s->v_x = SELECT(s->v_x, divide(two_multiply(b.x, inverse).hi, fx) + s->v_1 * s->g_x, hard);
+  s->v_y = SELECT(s->v_y, divide(two_multiply(b.y, inverse).hi, fy) + s->v_1 * s->g_y, hard);
+}
+#endif
+
 // Raster coordinate of the reference point as a whole pixel and an offset from that pixel's centre.
 static inline void reference(twofloat point, twofloat z, twofloat focal, twofloat principal, reals *pixel, reals *offset)
 {
@@ -165,18 +215,41 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   masks edge_on = MASK(magnitude(facing_dot) <= distance * EDGE_ON);
   masks culled = MASK(facing_dot >= R(0.0)) & (masks)(view->facing == CULL ? -1 : 0);
 
-  // A splat is described from its centre; one whose centre is not visible, from its farthest point.
+  // A splat is described from its centre; one whose centre is not visible, or much nearer than its farthest point,
+  // from that: z = z_farthest / den with den >= 1 does not cancel.
   masks straddles = ORTHOGRAPHIC ? (masks)0 : MASK(c.z < view->near);
-  s.u_1 = SELECT(R(0.0), divide(tu.z, reach), straddles);
-  s.v_1 = SELECT(R(0.0), divide(tv.z, reach), straddles);
-  reals3 step = add3(scale3(tu, s.u_1), scale3(tv, s.v_1));
-  twofloat px = two_add(c2.x, (twofloat){step.x, (reals)R(0.0)});
-  twofloat py = two_add(c2.y, (twofloat){step.y, (reals)R(0.0)});
-  twofloat pz = two_add(c2.z, (twofloat){step.z, (reals)R(0.0)});
-  reals3 p = {px.hi, py.hi, pz.hi};
-  reference(px, pz, TWO(fx), TWO(cx), &s.pixel_x, &s.offset_x);
-  reference(py, pz, TWO(fy), TWO(cy), &s.pixel_y, &s.offset_y);
+  masks from_farthest = ORTHOGRAPHIC ? (masks)0 : straddles | MASK(reach > c.z * DEEP);
+  s.u_1 = SELECT(R(0.0), divide(tu.z, reach), from_farthest);
+  s.v_1 = SELECT(R(0.0), divide(tv.z, reach), from_farthest);
+  eye_point p2 = c2;
+#if !ORTHOGRAPHIC
+  const masks hard = from_farthest | MASK(magnitude(facing_dot) < distance * TILTED);
+  const int any_hard = ANY(hard);
+  eye_point tu2, tv2;
+  if (any_hard) {
+    tu2 = rotate_twofloat(view, tu_world);
+    tv2 = rotate_twofloat(view, tv_world);
+    p2.x = two_step(c2.x, s.u_1, tu2.x, s.v_1, tv2.x);
+    p2.y = two_step(c2.y, s.u_1, tu2.y, s.v_1, tv2.y);
+    p2.z = two_step(c2.z, s.u_1, tu2.z, s.v_1, tv2.z);
+  }
+#endif
+  reals3 p = {p2.x.hi, p2.y.hi, p2.z.hi};
+  reference(p2.x, p2.z, TWO(fx), TWO(cx), &s.pixel_x, &s.offset_x);
+  reference(p2.y, p2.z, TWO(fy), TWO(cy), &s.pixel_y, &s.offset_y);
   coefficients(view, &s, tu, tv, g, p);
+#if !ORTHOGRAPHIC
+  if (any_hard) hard_coefficients(view, &s, tu2, tv2, p2, hard);
+#endif
+  s.center_z = c.z;
+  reals center_x = R(0.0), center_y = R(0.0);  // the projected centre from the reference point, pixels
+  if (ANY(from_farthest & ~straddles)) {
+    reals pixel_x, pixel_y, offset_x, offset_y;
+    reference(c2.x, c2.z, TWO(fx), TWO(cx), &pixel_x, &offset_x);
+    reference(c2.y, c2.z, TWO(fy), TWO(cy), &pixel_y, &offset_y);
+    center_x = SELECT(R(0.0), (pixel_x - s.pixel_x) + (offset_x - s.offset_x), from_farthest);
+    center_y = SELECT(R(0.0), (pixel_y - s.pixel_y) + (offset_y - s.offset_y), from_farthest);
+  }
   s.u_x = SELECT(s.u_x, R(0.0), edge_on);
   s.u_y = SELECT(s.u_y, R(0.0), edge_on);
   s.u_1 = SELECT(s.u_1, R(2.0), edge_on);  // outside the disc everywhere
@@ -195,6 +268,8 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   reals w = (c.z - reach) * (c.z + reach);
   extent ex = perspective_extent(divide(c.x, c.z), tu.x, tv.x, tu.z, tv.z, w, view->fx_hi);
   extent ey = perspective_extent(divide(c.y, c.z), tu.y, tv.y, tu.z, tv.z, w, view->fy_hi);
+  ex.middle = ex.middle + center_x;
+  ey.middle = ey.middle + center_y;
   if (ANY(~exact)) {
     reals z_low = at_least(c.z - reach, view->near), z_high = c.z + reach;
     reals x_origin = s.pixel_x - view->cx_hi + s.offset_x, y_origin = s.pixel_y - view->cy_hi + s.offset_y;
@@ -218,8 +293,8 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   masks at_bounds = (masks)(view->prefilter_at_bounds ? -1 : 0);
   masks filtered = MASK(c.z >= view->near) & MASK(c.z <= view->far) & (exact | ~at_bounds);
   filtered = filtered & (masks)(view->prefilter ? -1 : 0);
-  s.prefilter_x = SELECT(R(0.0), ex.middle, at_bounds);
-  s.prefilter_y = SELECT(R(0.0), ey.middle, at_bounds);
+  s.prefilter_x = SELECT(center_x, ex.middle, at_bounds);
+  s.prefilter_y = SELECT(center_y, ey.middle, at_bounds);
   reals radius = SELECT(-R(2.0) * NOWHERE, (reals)(view->prefilter_radius + SLACK_PIXELS), filtered);
   x_low = at_most(x_low, s.prefilter_x - radius);
   x_high = at_least(x_high, s.prefilter_x + radius);
@@ -268,7 +343,7 @@ kernel void project(constant View *view, global const real *center, global const
           LANE(v_x), LANE(v_y), LANE(v_1), LANE(g_x), LANE(g_y), LANE(z), i + lane, x_min, y_min, x_max, y_max};
       attributes[survivors] = (SplatAttributes){
           color[i + lane], color[stride + i + lane], color[2 * (long)stride + i + lane],
-          LANE(normal_x), LANE(normal_y), LANE(normal_z), LANE(prefilter_x), LANE(prefilter_y)};
+          LANE(normal_x), LANE(normal_y), LANE(normal_z), LANE(prefilter_x), LANE(prefilter_y), LANE(center_z)};
       ++survivors;
       for (int ty = y_min / TILE; ty <= y_max / TILE; ++ty)
         for (int tx = x_min / TILE; tx <= x_max / TILE; ++tx) ++counts[ty * tiles_x + tx];

@@ -30,9 +30,9 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
         + _reals(real, "u_x", "u_y", "u_1", "v_x", "v_y", "v_1", "g_x", "g_y", "z")
         + [("id", "u4")]
         + [(name, "i2") for name in ("x_min", "y_min", "x_max", "y_max")],
-        # 32 bytes: what the attribute pass accumulates, and where the pre-filter is centred.
+        # 36 bytes: what the attribute pass accumulates; where the pre-filter is centred, and how deep.
         "SplatAttributes": _reals(real, "red", "green", "blue", "normal_x", "normal_y", "normal_z")
-        + _reals(real, "prefilter_x", "prefilter_y"),
+        + _reals(real, "prefilter_x", "prefilter_y", "center_z"),
         # One splat at the probed pixel, and the pixel's sums after it (probe.cl).
         "ProbedSplat": _reals(real, "u", "v", "r3", "r2", "z", "weight", "weight_sum", "red", "green", "blue")
         + _reals(real, "normal_x", "normal_y", "normal_z")

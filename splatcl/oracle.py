@@ -7,8 +7,8 @@ The margin
 Where a decision is nearly a tie, a float32 renderer may decide it otherwise than this one. Each decision has
 a signed margin, (distance from flipping) / (2^-24 scale), positive where it accepts; `scale` is, to first
 order, the rounding error of a float32 evaluation relative to the projected centre, in units of 2^-24. With
-s = ((x-cx)/fx, (y-cy)/fy, 1), s_c the same at the projected centre, e_i = |s_i - s_c,i| + 2 pixels (2^-24 times that is its error),
-den = g.s / g.s_c, A = a / g.s_c, B = b / g.s_c and G = g / g.s_c:
+s = ((x-cx)/fx, (y-cy)/fy, 1), s_c the same at the projected centre, e_i = |s_i - s_c,i| + 2 pixels (whose
+rounding error is 2^-24 e_i), den = g.s / g.s_c, A = a / g.s_c, B = b / g.s_c and G = g / g.s_c:
 
 - r3^2 <= 1 and z > 0:  den - |(A.s, B.s)| >= 0, scale sum_i (|A_i| + |B_i| + |G_i|) e_i + 1 + kappa;
 - near <= z <= far:  scale_z = |z| (1 + (1 + kappa) sum_i |G_i| e_i) / |den|
@@ -35,7 +35,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.camera import Camera
-from splatcl.errors import SettingsError
 from splatcl.lights import Light
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
@@ -109,8 +108,6 @@ def auto_epsilon(splats: Splats) -> float:
 
 def project(splats: Splats, camera: Camera, settings: RenderSettings) -> ProjectedSplats:
     """Move splats to eye space, decide their facing and bound their projections."""
-    if not splats.oriented and settings.facing == "cull":
-        raise SettingsError("facing='cull' needs oriented splats; these normals' signs mean nothing")
     facing = settings.facing if splats.oriented else "flip"
     rotation, translation = camera.eye_from_world[:3, :3], camera.eye_from_world[:3, 3]
     center = splats.center.astype(np.float64) @ rotation.T + translation

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.camera import Camera
-from splatcl.errors import SettingsError
 from splatcl.layout import structs
 from splatcl.lights import Light
 from splatcl.settings import Precision, RenderSettings
@@ -346,15 +345,5 @@ def _rotated(rotation: NDArray[np.float64], vector: NDArray[np.float64]) -> NDAr
 
 
 def effective_settings(settings: RenderSettings, oriented: bool) -> RenderSettings:
-    """Return the settings for splats whose normals may have no sign: they are turned toward the eye.
-
-    Raises
-    ------
-    SettingsError
-        Culling back faces of normals without a sign.
-    """
-    if oriented or settings.facing == "flip":
-        return settings
-    if settings.facing == "cull":
-        raise SettingsError("facing='cull' needs oriented normals, but these were estimated and have no sign")
-    return replace(settings, facing="flip")
+    """Return the settings for splats whose normals may have no sign: they are turned toward the eye, none is culled."""
+    return settings if oriented else replace(settings, facing="flip")

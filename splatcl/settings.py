@@ -49,7 +49,8 @@ class RenderSettings:
     kernel_lookup : {"nearest", "linear"}
         How the table is read.
     facing : {"keep", "flip", "cull"}
-        Normals as given, turned toward the eye, or back faces dropped before the visibility pass.
+        Normals as given, turned toward the eye, or back faces dropped before the visibility pass. Normals
+        without a sign (`Splats.oriented` is False) are turned toward the eye whatever this says.
     shader : {"phong", "albedo", "normal"}
     lights : tuple of Light
     material : Material

@@ -206,3 +206,12 @@ def test_a_scaled_world_keeps_its_bits(renderer, seed, scale):
         assert a[name].tobytes() == b[name].tobytes(), name
     for name in ("Z", "depth.mean", "P"):
         assert (a[name] * np.float32(scale)).tobytes() == b[name].tobytes(), name
+
+
+@pytest.mark.parametrize("facing", ["keep", "cull"])
+def test_normals_without_a_sign_are_turned_toward_the_eye(renderer, facing):
+    splats, camera = random_ellipses(), CAMERAS["outside"]
+    unsigned = replace(splats, oriented=False, on_invalid="error")
+    got = renderer.render(unsigned, camera, RenderSettings(epsilon=0.03125, facing=facing))
+    want = renderer.render(splats, camera, RenderSettings(epsilon=0.03125, facing="flip"))
+    assert all(np.array_equal(got[name], want[name]) for name in got)

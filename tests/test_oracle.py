@@ -29,7 +29,6 @@ from tolerances import (
 )
 
 from splatcl import Camera, RenderSettings, oracle
-from splatcl.errors import SettingsError
 
 # ---- footprint
 
@@ -318,8 +317,7 @@ def test_a_plane_through_the_eye_faces_away():
     assert not render(discs(row), view, prefilter="min", facing="cull")["count"].any()
 
 
-def test_unoriented_splats_are_turned_and_cannot_be_culled():
+@pytest.mark.parametrize("facing", ["keep", "flip", "cull"])
+def test_unoriented_splats_are_turned_and_none_is_culled(facing):
     splats = dataclasses.replace(discs(((0, 0, 2), (1, 0, 0), (0, 1, 0))), oriented=False)
-    assert_array_equal(render(splats, camera(9), facing="keep")["N"][4, 4], [0, 0, -1])
-    with pytest.raises(SettingsError, match="oriented"):
-        render(splats, camera(9), facing="cull")
+    assert_array_equal(render(splats, camera(9), facing=facing)["N"][4, 4], [0, 0, -1])

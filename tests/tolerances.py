@@ -53,23 +53,22 @@ MASKED_OTHERWISE = 0.01
 DEPTH_RELATIVE = 2e-6
 """Depth outside the mask, of depth (seen: 1.3e-6 on ordinary scenes)."""
 
-DEPTH_UNITS = {"giant": 128.0}
-DEPTH_UNITS_OTHERWISE = 10.0
+DEPTH_UNITS = 4.0
 """Depth of ill-conditioned splats, in float roundings of the oracle's first-order scale; the larger of this and
-DEPTH_RELATIVE holds (seen: 2.9 in float32, 6.7 in float64; 86 for discs a thousand times as large as the view that
-pass through the eye plane, which the kernels describe from their farthest point and the scale from their centre)."""
+DEPTH_RELATIVE holds. Beyond DEPTH_RELATIVE are discs within a degree of edge-on, whose z changes much within a
+pixel, and discs described from a point far outside the image."""
 
 RESOLVED = 1e-5
 """Resolved colour, unnormalised normal and mean depth outside the mask (seen: 1.3e-6)."""
 
-RESOLVED_ADVERSARIAL = 5e-5
-"""The same for needles and giants, where r itself is off by 2^-24 times the aspect (seen: 2.3e-5)."""
+RESOLVED_NEEDLES = 3e-5
+"""The same for needles of aspect 30 to 10 000, where r itself is off by 2^-24 times the aspect (seen: 1.8e-5)."""
 
 WEIGHT_RELATIVE = 5e-5
 """Weight of the weight: the error of r^2, times cutoff^2 / 2, does not cancel as it does when a colour is resolved
 (seen: 1.8e-5)."""
 
-WEIGHT_ADVERSARIAL = 1e-3
+WEIGHT_ADVERSARIAL = 5e-4
 """The same for ill-conditioned scenes (seen: 2.8e-4 for needles)."""
 
 DOUBLE_RELATIVE = 1e-12

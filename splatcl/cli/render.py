@@ -78,6 +78,8 @@ def render(
 
     splats, camera = read_scan(scan, on_invalid, view, camera)
 
+    if settings.facing == "cull" and not splats.oriented:
+        print("note: nothing is culled: estimated normals have no sign and are turned toward the viewer")
     start = time.perf_counter()
     with stage("Rendering"):
         frame = renderer.render(splats, camera, settings)
