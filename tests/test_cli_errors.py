@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import resource
 
 import pytest
 from cli_stub import run, stub
@@ -45,7 +46,7 @@ def test_errors_speak_of_options(text, options):
 
 
 def caused(error, cause):
-    error.__cause__ = cause
+    error.__cause__ = error.__context__ = cause
     return error
 
 
@@ -70,13 +71,31 @@ def test_a_failed_run_is_1_and_a_mistake_is_2(stub, capsys, monkeypatch, error, 
     assert run(capsys, "render s.ply -o o.exr") == (status, [], [f"splatcl: error: {error}"])
 
 
-def test_a_full_disk_is_a_failed_run(stub, capsys, monkeypatch):
+@pytest.mark.parametrize(("number", "status"), [(errno.EIO, FAILED), (errno.EINVAL, MISTAKE), (None, MISTAKE)])
+def test_a_library_that_meets_a_failing_disk(capsys, monkeypatch, tmp_path, number, status):
     def fail(*args, **kwargs):
-        raise OSError(errno.ENOSPC, "No space left on device")
+        raise OSError(number, "Input/output error")
 
-    monkeypatch.setattr("pathlib.Path.write_bytes", fail)
-    status, _, err = run(capsys, "render s.ply --png o.png")
-    assert (status, err) == (FAILED, ["splatcl: error: o.png: cannot write: No space left on device"])
+    (tmp_path / "s.ply").write_text("ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n")
+    monkeypatch.setattr("plyfile.PlyData.read", fail)
+    got, _, err = run(capsys, f"info {tmp_path}/s.ply")
+    assert got == status and len(err) == 1 and err[0].startswith(f"splatcl: error: {tmp_path}/s.ply: ")
+
+
+@pytest.fixture
+def full_disk():
+    """Let no file grow beyond 100 bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("name", ["o.png", "o.exr"])
+def test_a_full_disk_is_a_failed_run(stub, full_disk, capsys, tmp_path, name):
+    status, _, err = run(capsys, f"render s.ply -o {name}")
+    assert status == FAILED and len(err) == 1 and err[0].startswith(f"splatcl: error: {name}: cannot write: ")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_kernel_that_does_not_build_is_a_failed_run(capsys, monkeypatch, tmp_path):

@@ -91,10 +91,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def run_failed(error: SplatclError) -> bool:
     """Whether an error comes from the system or the OpenCL runtime failing, and not from what was given."""
-    cause = error.__cause__ or error.__context__
+    cause = error.__cause__
     if isinstance(cause, OSError):
         return cause.errno not in MISTAKEN_PATH
-    return isinstance(cause, MemoryError) or (isinstance(error, DeviceError) and cause is not None)
+    # pyopencl's errors are hidden behind ours, which quote them.
+    return isinstance(cause, MemoryError) or (isinstance(error, DeviceError) and error.__context__ is not None)
 
 
 def as_options(message: str) -> str:

@@ -43,7 +43,7 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
         text = Path(path).read_text(encoding="utf-8")
         values = json.loads(text, object_pairs_hook=lambda pairs: _unique(pairs, path))
     except OSError as error:
-        raise FileError(f"{path}: cannot read: {error.strerror or error}") from None
+        raise FileError(f"{path}: cannot read: {error.strerror or error}") from error
     except CameraError:
         raise
     except (ValueError, RecursionError) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import json
 import math
 import os
@@ -71,7 +72,7 @@ def write_exr(path: str | os.PathLike[str], frame: Frame) -> None:
             with temporary.open("wb") as file:
                 OpenEXR.File(header, channels).write(file)
         except RuntimeError as error:
-            raise FileError(f"{path}: cannot write: {error}") from None
+            raise OSError(errno.EIO, str(error)) from None
 
 
 def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], Camera | None, dict[str, Any]]:
@@ -105,7 +106,7 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], Cam
         if not isinstance(description, dict):
             raise FileError(f"{path}: its attribute {ATTRIBUTE} is not a JSON object")
     except OSError as error:
-        raise FileError(f"{path}: cannot read: {error.strerror or error}") from None
+        raise FileError(f"{path}: cannot read: {error.strerror or error}") from error
     except FileError:
         raise
     except (RuntimeError, ValueError) as error:  # OpenEXR drops the parts that it cannot decode

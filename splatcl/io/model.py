@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib
 import warnings
 from collections.abc import Iterator
@@ -93,10 +94,17 @@ def foreign_errors(path: Path, what: str, notes: list[str]) -> Iterator[None]:
             yield
         except (SplatclError, KeyboardInterrupt, SystemExit):
             raise
+        except OSError as error:
+            if error.errno in (errno.EIO, errno.ENOSPC, errno.EDQUOT):  # no fault of the file
+                raise
+            raise FileError(f"{path}: not a readable {what} ({_one_line(error)})") from None
         except MemoryError:
             raise FileError(f"{path}: {what} asks for more memory than there is; its counts are damaged") from None
         except BaseException as error:  # a panic of lazrs is no Exception
-            text = " ".join(str(error).split())[:300] or type(error).__name__
-            raise FileError(f"{path}: not a readable {what} ({text})") from None
+            raise FileError(f"{path}: not a readable {what} ({_one_line(error)})") from None
     for text in sorted({f"{what}: {' '.join(str(w.message).split())[:300]}" for w in caught}):
         notes.append(text)
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:300] or type(error).__name__
