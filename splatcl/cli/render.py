@@ -84,14 +84,7 @@ def render(
     with stage("Rendering"):
         frame = renderer.render(splats, camera, settings)
         covered = float((frame.color[..., 3] > 0).mean())
-    took = _seconds_since(start)
-    print(f"rendered {frame.width}x{frame.height} in {took}; splats cover {covered:.1%} of the image")
-    for hint in hints(frame, covered):
-        print(f"note: {hint}")
-    print(f"device {frame.metadata['device']}")
-    if "inexact" in frame.metadata:
-        print(f"note: inexact: {frame.metadata['inexact']}")
-    print(f"epsilon {frame.metadata['epsilon']:.6g}{' (auto)' if settings.epsilon == 'auto' else ''}")
+    say_rendered(frame, covered, _seconds_since(start), settings.epsilon == "auto")
     failed = _check(frame) if check else []
     with stage("Bounding the uncertainty"):
         if margin:
@@ -101,6 +94,17 @@ def render(
     save(frame, outputs, exposure)
     if failed:
         raise CheckError(f"{', '.join(failed)}: the check failed; the image is not to be trusted")
+
+
+def say_rendered(frame: Frame, covered: float, took: str, auto_epsilon: bool) -> None:
+    """Say what was rendered, how, and what may be wrong with it; `covered` is the share that splats cover."""
+    print(f"rendered {frame.width}x{frame.height} in {took}; splats cover {covered:.1%} of the image")
+    for hint in hints(frame, covered):
+        print(f"note: {hint}")
+    print(f"device {frame.metadata['device']}")
+    if "inexact" in frame.metadata:
+        print(f"note: inexact: {frame.metadata['inexact']}")
+    print(f"epsilon {frame.metadata['epsilon']:.6g}{' (auto)' if auto_epsilon else ''}")
 
 
 def hints(frame: Frame, covered: float) -> list[str]:
