@@ -8,6 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from splatcl.settings import Precision
+
+REAL: dict[Precision, str] = {"single": "f4", "double": "f8"}
+"""NumPy's name of the frame's real number."""
+
 
 def _reals(real: str, *names: str) -> list[tuple[str, str]]:
     return [(name, real) for name in names]

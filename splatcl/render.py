@@ -15,7 +15,8 @@ from splatcl.camera import Camera
 from splatcl.device import DeviceQueue, WorkItem, forked
 from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
-from splatcl.pipeline import DepthBuffer, GBuffer, Passes, ResidentSplats
+from splatcl.pipeline import DepthBuffer, GBuffer, Passes
+from splatcl.resident import ResidentSplats, upload
 from splatcl.settings import Precision, RenderSettings
 from splatcl.splats import Splats
 from splatcl.worker import worker
@@ -30,7 +31,7 @@ class Resident:
 
     splats: Splats
     auto_epsilon: float
-    _on_device: dict[Precision, ResidentSplats] = field(default_factory=dict, repr=False)
+    _on_device: dict[tuple[DeviceQueue, Precision], ResidentSplats] = field(default_factory=dict, repr=False)
 
     def epsilon(self, settings: RenderSettings) -> float:
         """Return the depth tolerance, scene units."""
@@ -101,7 +102,9 @@ class Renderer:
     def render(self, splats: Splats | Resident, camera: Camera, settings: RenderSettings | None = None) -> Frame:
         """Render one frame; see `render`."""
         resident = self.resident(splats)
-        settings = pipeline.effective_settings(settings or RenderSettings(), resident.splats.oriented)
+        settings = pipeline.effective_settings(
+            RenderSettings() if settings is None else settings, resident.splats.oriented
+        )
         frame = self.call(_render, resident, camera, settings)
         frame.rendered_from = (self, splats)
         return frame
@@ -128,11 +131,11 @@ class Renderer:
         device = self.device
         if settings.precision == "double" and not self.supports_double:
             raise DeviceError(f"{device.info.name} has no double precision; choose another device")
-        on_device = resident._on_device
-        if settings.precision not in on_device:
-            on_device[settings.precision] = pipeline.upload(device, resident.splats, settings.precision)
+        key = (device, settings.precision)
+        if key not in resident._on_device:
+            resident._on_device[key] = upload(device, resident.splats, settings.precision)
         passes = Passes(device, camera, settings, self._arguments[1], settings.precision)
-        return passes, on_device[settings.precision]
+        return passes, resident._on_device[key]
 
 
 def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> Frame:

@@ -9,6 +9,7 @@ import numpy as np
 
 from splatcl import oracle, pipeline
 from splatcl.pipeline import DepthBuffer, GBuffer, Passes
+from splatcl.resident import upload
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ class DevicePasses:
         self.epsilon = oracle.auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon
         self.device, self.camera, self.settings = device, camera, settings
         self.passes = Passes(device, camera, settings, tile_size, settings.precision)
-        self.splats = pipeline.upload(device, splats, settings.precision)
+        self.splats = upload(device, splats, settings.precision)
         self.view = self.passes.view(self.splats.origin)
 
     def project(self):
