@@ -48,7 +48,8 @@ def spec(scene_name, camera_name, name):
     """Return what the equations of the specification say of each splat, float64, from its eye-space vectors.
 
     `point` is where the record describes the splat from: its centre, or the point of the disc farthest from
-    the eye where a perspective camera has the centre before its near plane or much nearer than that point. With d0 the ray through it and
+    the eye where a perspective camera has the centre before its near plane or much nearer than that point. With
+    d0 the ray through it and
     a = t_v x c, b = c x t_u, g = t_u x t_v, the ray of a pixel (dx, dy) from it is d0 + (dx/fx, dy/fy, 0), so
     u = a.d / g.d = (u_1 + dx a_x/(fx g.d0) + dy a_y/(fy g.d0)) / (1 + g_x dx + g_y dy).
     """
