@@ -3,7 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all lint format reference-images golden contact-sheet clean
+.PHONY: demo test test-all lint format reference-images golden runtimes contact-sheet clean
 
 demo: $(VENV)/installed
 	@mkdir -p out
@@ -33,6 +33,10 @@ reference-images: $(VENV)/installed-test
 # Computes the hashes of splatcl/golden.json again: only after a wanted change of bits.
 golden: $(VENV)/installed-test
 	$(BIN)/python -m splatcl.golden
+
+# The golden images on five OpenCL runtimes; writes the table of docs/reproducibility.md.
+runtimes: $(VENV)/installed-test
+	VENV=$(VENV) .ci/runtimes docs/reproducibility.md
 
 # Renders every model of a folder to docs/contact_sheet.png: make contact-sheet MODELS=path
 contact-sheet: $(VENV)/installed-test

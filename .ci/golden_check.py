@@ -2,12 +2,12 @@
 
 ``check FILE [--tiny]`` renders every scene (the tiny ones) in several ways of working, writes FILE as JSON and
 exits 1 where a hash differs. ``seed NAME`` renders under kernels with one error put in on purpose, which Oclgrind
-must report: it exits 0 either way. ``table FILE ...`` prints Markdown and exits 1 where a hash is missing or differs.
+must report: it exits 0 either way. ``table PAGE FILE ...`` prints Markdown, puts it at the end of PAGE (if that is
+not empty) and exits 1 where a hash differs.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 import sys
 import time
@@ -26,6 +26,7 @@ WAYS: tuple[dict[str, Any], ...] = (
     {"lanes": 16},
 )
 TINY_WAYS: tuple[dict[str, Any], ...] = ({"tile_size": 8}, {"mapping": "pixel", "tile_size": 8}, {"lanes": 1})
+MEASURED = "<!-- .ci/runtimes writes the rest -->\n\n"
 SEEDED = {  # what Oclgrind must report: the kernels' text, and the error in its place
     "Invalid write": ("if (x >= width || y >= height) continue;", "if (x >= width || y > height) continue;"),
     "Invalid read": ("for (int i = begin; i < end; ++i) {", "for (int i = begin; i <= end; ++i) {"),
@@ -41,7 +42,14 @@ def main(command: str, *arguments: str) -> int:
         keep_buffers()
     if command == "check":
         return check(Path(arguments[0]), TINY_WAYS if "--tiny" in arguments else WAYS, "--tiny" in arguments)
-    return seed(*arguments) if command == "seed" else table([Path(file) for file in arguments])
+    if command == "seed":
+        return seed(*arguments)
+    text, failures = table([Path(file) for file in arguments[1:]])
+    print(text)
+    if arguments[0]:
+        page = Path(arguments[0])
+        page.write_text(page.read_text().partition(MEASURED)[0] + MEASURED + text)
+    return int(failures > 0)
 
 
 def keep_buffers() -> None:
@@ -73,17 +81,15 @@ def check(file: Path, ways: tuple[dict[str, Any], ...], tiny: bool) -> int:
     result = {
         "version": f"{info.version.strip()}; {info.name}, driver {info.handle.driver_version}",
         "ways": done,
-        "hashes": {s.name: one_hash(renderer, s) for s in golden.renderable(renderer) if s.tiny or not tiny},
+        "hashes": {
+            s.name: golden.one_hash(golden.digest(renderer.render(s.splats, s.camera, s.settings)))
+            for s in golden.renderable(renderer)
+            if s.tiny or not tiny
+        },
         "seconds": time.monotonic() - start,
     }
     file.write_text(json.dumps(result))
     return int(failures > 0)
-
-
-def one_hash(renderer: Renderer, scene: golden.GoldenScene) -> str:
-    """Return one hash of all the AOVs of a scene."""
-    hashes = golden.digest(renderer.render(scene.splats, scene.camera, scene.settings))
-    return hashlib.sha256(json.dumps(hashes, sort_keys=True).encode()).hexdigest()
 
 
 def seed(error: str) -> int:
@@ -95,21 +101,20 @@ def seed(error: str) -> int:
     return 0
 
 
-def table(files: list[Path]) -> int:
-    """Print the devices, and scene by runtime the first digits of each hash; count what differs or is missing."""
+def table(files: list[Path]) -> tuple[str, int]:
+    """Return the devices, and scene by runtime the first digits of each hash; and how many scenes differ."""
     runtimes = {file.stem: json.loads(file.read_text()) for file in files}
-    print("| runtime | version | ways | scenes | seconds |\n|---|---|---|---|---|")
+    rows = [["runtime", "version", "ways of working", "scenes", "seconds"], ["---"] * 5]
     for name, result in runtimes.items():
-        row = [name, result["version"], len(result["ways"]), len(result["hashes"]), f"{result['seconds']:.0f}"]
-        print("|", " | ".join(map(str, row)), "|")
-    print("\n| scene |", " | ".join(runtimes), "|\n|---|" + "---|" * len(runtimes))
+        rows.append([name, result["version"], len(result["ways"]), len(result["hashes"]), round(result["seconds"])])
+    rows += [[], ["scene", *runtimes], ["---"] * (1 + len(runtimes))]
     failures = 0
     for scene in golden.scenes():
-        hashes = [result["hashes"].get(scene.name) for result in runtimes.values()]
-        print(f"| {scene.name} |", " | ".join(h[:8] if h else "-" for h in hashes), "|")
-        failures += len({h for h in hashes if h}) != 1
-    print(f"\n{len(golden.scenes())} scenes, {failures} of them different")
-    return int(failures > 0)
+        hashes = [result["hashes"].get(scene.name, "-") for result in runtimes.values()]
+        rows.append([scene.name, *(h[:8] for h in hashes)])
+        failures += len(set(hashes) - {"-"}) > 1
+    lines = [f"| {' | '.join(map(str, row))} |" if row else "" for row in rows]
+    return "\n".join([*lines, "", f"{len(golden.scenes())} scenes, {failures} of them different.", ""]), failures
 
 
 if __name__ == "__main__":

@@ -109,6 +109,11 @@ def digest(frame: Frame) -> Hashes:
     return hashes
 
 
+def one_hash(hashes: Hashes) -> str:
+    """Return the SHA-256 of all the hashes of a scene, as docs/reproducibility.md has it."""
+    return hashlib.sha256(json.dumps(hashes, sort_keys=True).encode()).hexdigest()
+
+
 @cache
 def stored() -> dict[str, Hashes]:
     """Return the hashes of golden.json: by scene, then by AOV."""

@@ -1,0 +1,179 @@
+"""The same bits everywhere: the golden images of splatcl/golden.json in every way of working.
+
+.ci/runtimes does this on five runtimes. Each test names a mutation that was put in by hand, and failed it; those of
+`ROUNDINGS` are put in here.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatcl import Frame, Renderer, device, golden, pipeline
+from splatcl.errors import DeviceError
+
+MANY = """
+import os, sys
+os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: int(sys.argv[1])])
+from splatcl import Renderer, golden
+renderer, scene = Renderer(), golden.scenes()[0]
+many = golden.random_discs(8, 200_000, 1.25, 0.0625)
+images = {str(golden.digest(renderer.render(many, scene.camera, scene.settings))) for _ in range(8)}
+print(renderer._device.info.handle.max_compute_units, len(images), *golden.check(renderer), *images, sep="\\n")
+"""
+
+SUM = "h.u = (s->u_x * h.dx + s->u_y * h.dy) + s->u_1;"
+LOOP = "for (int i = begin; i < end; ++i) {\n    const ProjectedSplat s = records[i];\n    const SplatAttributes"
+ROUNDINGS = {  # one rounding, or the order of two, and another in its place
+    "association": ("(a.x * b.x + a.y * b.y) + a.z * b.z", "a.x * b.x + (a.y * b.y + a.z * b.z)"),
+    "order of sums": (LOOP, LOOP.replace("i = begin; i < end; ++i", "i = end - 1; i >= begin; --i")),
+    "fma": (SUM, "h.u = fma((reals)s->u_x, h.dx, (reals)(s->u_y * h.dy)) + s->u_1;"),
+    "contraction": ("#pragma OPENCL FP_CONTRACT OFF", "#pragma OPENCL FP_CONTRACT ON"),
+    "library exp": ("return exp_negative(r2 * falloff);", "return exp(r2 * falloff);"),
+    "library pow": ("power(r_v < R(1.0) ? r_v : R(1.0), ", "pow(clamp(r_v, R(0.0), R(1.0)), "),
+    "inverse square root": ("#define square_root(x) sqrt(x)", "#define square_root(x) ((x) * rsqrt(x))"),
+    "reciprocal": ("#define divide(a, b) ((a) / (b))", "#define divide(a, b) ((a) * ((real)1 / (b)))"),
+}
+
+
+def altered_kernels(monkeypatch, good, bad):
+    """Build every kernel with `bad` in place of `good`."""
+    import pyopencl as cl
+
+    real, found = cl.Program, []
+
+    def program(context, source):
+        found.append(good in source)
+        return real(context, source.replace(good, bad))
+
+    monkeypatch.setattr(cl, "Program", program)
+    return found
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    return {scene.name: scene for scene in golden.scenes()}
+
+
+def test_every_scene_has_its_hashes(scenes):
+    assert len(scenes) == len(golden.scenes())
+    assert set(golden.stored()) == set(scenes)
+    assert all(len(hashes) == 10 for hashes in golden.stored().values())
+
+
+def test_the_page_of_results_is_of_these_hashes():
+    page = (Path(__file__).parent.parent / "docs" / "reproducibility.md").read_text()
+    for name, hashes in golden.stored().items():
+        cells = re.search(rf"^\| {name} \|(.*)\|$", page, re.MULTILINE)
+        assert cells and set(cells[1].split()) - {"|", "-"} == {golden.one_hash(hashes)[:8]}, name
+
+
+def test_the_default_device(renderer):
+    """Mutation: each of `ROUNDINGS`."""
+    assert golden.check(renderer) == []
+
+
+@pytest.mark.parametrize("tile_size", [8, 32, 64])
+def test_tile_sizes(tile_size):
+    """Mutation: `min(REGION, 16) - 1` in place of `REGION - 1` in blocks_of."""
+    assert golden.check(Renderer(tile_size=tile_size)) == []
+
+
+@pytest.mark.parametrize("lanes", [1, 4, 16])
+def test_lanes(lanes):
+    """Mutation: `h.dx = LANE_X + (((real)x - s->pixel_x) - s->offset_x)`, which rounds twice."""
+    if lanes == 16 and "PoCL 3.0" in device.choose_device().version:
+        with pytest.raises(DeviceError, match="cannot compile 16-wide square roots"):
+            Renderer(lanes=lanes)
+    else:
+        assert golden.check(Renderer(lanes=lanes)) == []
+
+
+@pytest.mark.parametrize("tile_size", [8, 16])
+def test_a_work_item_per_pixel(tile_size):
+    """Mutation: `part / (TILE / 2)` in place of `part / REGIONS_X` in region_of."""
+    assert golden.check(Renderer(mapping="pixel", tile_size=tile_size)) == []
+
+
+@pytest.mark.parametrize("group", [1, 16, 32])
+def test_group_sizes_of_pixels(monkeypatch, group):
+    """Mutation: visibility's region_of given `get_group_id(0) * get_local_size(0) / 64 * 64 + get_local_id(0)`."""
+    monkeypatch.setattr(pipeline, "PIXEL_GROUP", group)
+    assert golden.check(Renderer(mapping="pixel")) == []
+
+
+def test_group_sizes_of_tiles_chunks_and_images(monkeypatch):
+    """Mutation: visibility's region_of given `get_group_id(0)`."""
+
+    def call(program, queue, name, size, group, *args):
+        groups = tuple(next(n for n in (4, 3, 2, 1) if length % n == 0) for length in size)
+        program.kernels[name](queue, size, groups, *args)
+
+    monkeypatch.setattr(device.Program, "__call__", call)
+    assert golden.check(Renderer()) == []
+
+
+@pytest.mark.parametrize(("least", "most"), [(16, 1000), (48, 3)])
+def test_chunks_and_bands(monkeypatch, least, most):
+    """Mutation: bin_scatter's loop from `end - 1` down to `begin`."""
+    bands = pipeline.bands
+    monkeypatch.setattr(pipeline, "MIN_CHUNK", least)
+    monkeypatch.setattr(pipeline, "MAX_CHUNKS", most)
+    monkeypatch.setattr(pipeline, "bands", lambda totals: bands(totals, 100))
+    assert golden.check(Renderer()) == []
+
+
+def test_threads():
+    """Mutation: bin_scatter takes `atomic_inc(tile_offsets + tile)` in place of its chunk's `offsets[tile]++`."""
+    if len(os.sched_getaffinity(0)) < 2:
+        pytest.skip("one core")
+    outputs = []
+    for threads in "12":
+        environment = {**os.environ, "POCL_MAX_PTHREAD_COUNT": threads}
+        command = [sys.executable, "-c", MANY, threads]
+        result = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300, check=False)
+        outputs.append(result.stdout.splitlines())
+        assert outputs[-1][:2] == [threads, "1"], result.stderr
+    assert len(outputs[0]) == 3 and outputs[0][2] == outputs[1][2]
+
+
+def test_our_own_division_and_square_root(monkeypatch):
+    """Where a runtime does not round its own correctly. Mutation: NEWTON_STEPS two fewer."""
+    renderer = Renderer()
+    monkeypatch.setattr(renderer._device.strictness, "options", lambda _: {"EXACT_DIVIDE": 0, "EXACT_SQRT": 0})
+    assert golden.check(renderer) == []
+
+
+@pytest.mark.parametrize("name", ROUNDINGS)
+def test_another_rounding_is_noticed(monkeypatch, name):
+    found = altered_kernels(monkeypatch, *ROUNDINGS[name])
+    renderer = Renderer(allow_inexact=True)
+    assert golden.check(renderer, ["ordinary", "lights"]) != []
+    assert any(found)
+
+
+def test_a_digest_tells_bits_types_and_shapes_apart(scenes):
+    array = np.zeros((2, 3), np.float32)
+    variants = [array, -array, array.astype(np.uint32), array.T, array + np.float32(1e-45)]
+    digests = [golden.digest(Frame({"Z": v}, scenes["tiny"].camera, scenes["tiny"].settings))["Z"] for v in variants]
+    assert len(set(digests)) == len(variants)
+    assert golden.digest(Frame({"Z": array.astype(">f4")}, scenes["tiny"].camera, scenes["tiny"].settings)) == {
+        "Z": digests[0]
+    }
+
+
+def test_a_mismatch_is_one_line_for_each_aov(renderer, monkeypatch):
+    wrong = json.loads(json.dumps(golden.stored()))
+    wrong["tiny"]["Z"] = "0" * 64
+    del wrong["tiny"]["N"]
+    monkeypatch.setattr(golden, "stored", lambda: wrong)
+    lines = golden.check(renderer, ["tiny", "tiny_table"])
+    assert [line.split(":")[0] for line in lines] == ["tiny N", "tiny Z"]
+    assert lines[0].endswith(", not missing") and lines[1].endswith(", not 000000000000")
