@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import resource
+from contextlib import contextmanager
 
 import pytest
 from cli_stub import run, stub
@@ -82,18 +83,21 @@ def test_a_library_that_meets_a_failing_disk(capsys, monkeypatch, tmp_path, numb
     assert got == status and len(err) == 1 and err[0].startswith(f"splatcl: error: {tmp_path}/s.ply: ")
 
 
-@pytest.fixture
+@contextmanager
 def full_disk():
-    """Let no file grow beyond 100 bytes."""
+    """Let no file grow beyond 100 bytes, for so long only: the tests' own log is a file too."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.mark.parametrize("name", ["o.png", "o.exr"])
-def test_a_full_disk_is_a_failed_run(stub, full_disk, capsys, tmp_path, name):
-    status, _, err = run(capsys, f"render s.ply -o {name}")
+def test_a_full_disk_is_a_failed_run(stub, capsys, tmp_path, name):
+    with full_disk():
+        status, _, err = run(capsys, f"render s.ply -o {name}")
     assert status == FAILED and len(err) == 1 and err[0].startswith(f"splatcl: error: {name}: cannot write: ")
     assert list(tmp_path.iterdir()) == []
 

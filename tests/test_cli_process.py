@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-import tomllib
 from importlib.metadata import version
 from pathlib import Path
 
@@ -73,26 +72,6 @@ def test_the_installed_command_runs():
 def test_the_package_runs_as_a_module():
     command = [sys.executable, "-m", "splatcl", "--version"]
     assert subprocess.run(command, capture_output=True, text=True).stdout.startswith("splatcl ")
-
-
-INTERRUPTED_START = """
-import sys, splatcl_main
-class Interrupt:
-    def find_spec(self, name, *_):
-        if name == sys.argv[1]:
-            raise KeyboardInterrupt
-sys.meta_path.insert(0, Interrupt())
-sys.exit(splatcl_main.main())
-"""
-
-
-@pytest.mark.parametrize("module", ["splatcl", "numpy", "cyclopts", "splatcl.cli"])
-def test_an_interrupt_while_importing_is_quiet_and_130(module):
-    command = [sys.executable, "-c", INTERRUPTED_START, module]
-    result = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
-    assert (result.returncode, result.stdout, result.stderr) == (INTERRUPTED, "", "")
-    scripts = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
-    assert scripts == {"splatcl": "splatcl_main:main"}
 
 
 def test_process_broken_pipe_is_quiet():
