@@ -24,7 +24,8 @@ COMMAND = [sys.executable, "-c", "import sys, splatcl.cli; sys.exit(splatcl.cli.
 def run_process(command, **kwargs):
     """Run in a process of its own."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | kwargs
-    return subprocess.run([*COMMAND, *command.split()], text=True, timeout=120, **pipes)
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    return subprocess.run([*COMMAND, *command.split()], text=True, timeout=120, env=environment, **pipes)
 
 
 def test_process_renders_a_file_of_bare_points(tmp_path):

@@ -76,17 +76,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return status or 0
     except BrokenPipeError:
-        # The interpreter flushes stdout once more at its end: let that go nowhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _abandon_stdout()
         return FAILED
     except CycloptsError as error:
         return _report(" ".join(str(error).split()), MISTAKE)
     except SplatclError as error:
         return _report(as_options(str(error)), FAILED if run_failed(error) else MISTAKE)
     except (OSError, MemoryError, CheckError) as error:
+        _abandon_stdout()
         return _report(str(error) or "out of memory", FAILED)
     except KeyboardInterrupt:
         return INTERRUPTED
+
+
+def _abandon_stdout() -> None:
+    """Flush stdout if that can be; else let what the interpreter flushes at its end go nowhere."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def run_failed(error: SplatclError) -> bool:
