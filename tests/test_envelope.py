@@ -87,7 +87,7 @@ def test_no_splats_have_no_uncertain_pixel():
 
 @pytest.mark.parametrize(("scene", "camera", "choices"), EVERY)
 def test_our_renders_are_inside(renderer, scene, camera, choices):
-    """Caught: the envelope without the front splat's effect on depth(p) (z_high for z_low in `_choices`)."""
+    """Caught: the envelope without the front splat's effect on depth(p) (z_low for z_high in `_choices`)."""
     splats, view = SCENES[scene](2), CAMERAS[camera]
     frame = renderer.render(splats, view, CHOICES[choices])
     assert escapes(bounds(splats, view, CHOICES[choices]), frame) == NONE

@@ -103,7 +103,7 @@ def check(frame, camera, choices):
 @FUZZ
 @given(splats=any_splats(), camera=any_camera(), choices=SETTINGS)
 def test_whatever_is_accepted_renders(renderer, splats, camera, choices):
-    """Caught: edge-on coefficients that are not replaced (NaN), a centre on the eye, weights of far fragments."""
+    """Caught: a mean depth that is divided by a weight sum of 0; a normal sum of length 0 that is normalised."""
     assume(splats is not None and camera is not None)
     check(renderer.render(splats, camera, choices), camera, choices)
 
