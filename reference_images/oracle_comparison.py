@@ -48,7 +48,7 @@ class Comparison:
 
 def compare(scene: Scene, frame: Frame) -> Comparison:
     """Render `scene` with the oracle and compare `frame` with it."""
-    want = _oracle(scene, frame.metadata["epsilon"])
+    want = oracle.passes(scene.splats, scene.camera, scene.settings, frame.metadata["epsilon"])
     covered, least = want["weight"] > 0, MARGIN_UNITS[scene.settings.precision]
     sure, sure_id = want["margin"] >= least, want["id_margin"] >= least
     hit = np.isfinite(want["Z"])
@@ -78,20 +78,3 @@ def _largest(got: NDArray[Any], want: NDArray[Any], where: NDArray[np.bool_], re
     """Return the largest error over the pixels `where`; NaN if any is NaN."""
     error = np.abs(got[where] - want[where])
     return float((error / np.abs(want[where]) if relative else error).max(initial=0.0))
-
-
-def _oracle(scene: Scene, epsilon: float) -> dict[str, NDArray[Any]]:
-    """Return the oracle's AOVs; `margin` leaves out which of several splats is front-most, `id_margin` is of that."""
-    splats, camera, settings = scene.splats, scene.camera, scene.settings
-    projected = oracle.project(splats, camera, settings)
-    depth = oracle.visibility(projected, camera, settings)
-    gbuffer = oracle.attributes(projected, depth, camera, settings, epsilon, splats.color)
-    return {
-        **oracle.shade(gbuffer, depth, camera, settings),
-        "Z": depth.depth,
-        "particleid": depth.particleid,
-        "weight": gbuffer.weight_sum,
-        "count": gbuffer.count,
-        "margin": np.minimum(depth.depth_margin, gbuffer.margin),
-        "id_margin": depth.margin,
-    }

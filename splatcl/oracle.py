@@ -270,9 +270,12 @@ def shade(gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: Render
     }
 
 
-def render(splats: Splats, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
-    """Run all passes; return the image and its AOVs, each (H, W) or (H, W, channels)."""
-    epsilon = auto_epsilon(splats) if settings.epsilon == "auto" else float(settings.epsilon)
+def passes(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: float) -> dict[str, Array]:
+    """Run all passes; return what `render` does, but with two margins.
+
+    `margin` leaves out which of several splats is front-most (coplanar ones tie everywhere); `id_margin` is of the
+    visibility pass, that included. `epsilon` is in scene units.
+    """
     projected = project(splats, camera, settings)
     depth = visibility(projected, camera, settings)
     gbuffer = attributes(projected, depth, camera, settings, epsilon, splats.color)
@@ -282,8 +285,16 @@ def render(splats: Splats, camera: Camera, settings: RenderSettings) -> dict[str
         "weight": gbuffer.weight_sum,
         "count": gbuffer.count,
         "particleid": depth.particleid,
-        "margin": np.minimum(depth.margin, gbuffer.margin),
+        "margin": np.minimum(depth.depth_margin, gbuffer.margin),
+        "id_margin": depth.margin,
     }
+
+
+def render(splats: Splats, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
+    """Run all passes; return the image and its AOVs, each (H, W) or (H, W, channels)."""
+    aovs = passes(splats, camera, settings, auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon)
+    aovs["margin"] = np.minimum(aovs["margin"], aovs.pop("id_margin"))
+    return aovs
 
 
 # ---- rays and projections

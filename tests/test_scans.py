@@ -63,7 +63,7 @@ def oracle_by_tiles(splats, camera, settings):
             near_y = (y_max >= y - 1) & (y_min <= y + height + 1)
             ids = np.flatnonzero(near_x & near_y)
             window = replace(camera, cx=camera.cx - x, cy=camera.cy - y, width=width, height=height)
-            part = oracle_passes(splats.take(ids), window, settings, epsilon)
+            part = oracle.passes(splats.take(ids), window, settings, epsilon)
             front = np.append(ids, oracle.NO_SPLAT)  # the last for no splat
             part["particleid"] = front[np.minimum(part["particleid"], len(ids))]
             if whole is None:
@@ -71,21 +71,6 @@ def oracle_by_tiles(splats, camera, settings):
             for name, array in part.items():
                 whole[name][y : y + height, x : x + width] = array
     return whole
-
-
-def oracle_passes(splats, camera, settings, epsilon):
-    projected = oracle.project(splats, camera, settings)
-    depth = oracle.visibility(projected, camera, settings)
-    gbuffer = oracle.attributes(projected, depth, camera, settings, epsilon, splats.color)
-    return {
-        **oracle.shade(gbuffer, depth, camera, settings),
-        "Z": depth.depth,
-        "particleid": depth.particleid,
-        "weight": gbuffer.weight_sum,
-        "count": gbuffer.count,
-        "margin": np.minimum(depth.depth_margin, gbuffer.margin),
-        "id_margin": depth.margin,
-    }
 
 
 def test_the_oracle_by_tiles_is_the_oracle():
