@@ -160,7 +160,7 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   s.v_1 = SELECT(R(0.0), divide(tv.z, reach), from_farthest);
   eye_point p2 = c2;
 #if !ORTHOGRAPHIC
-  const masks hard = from_farthest | MASK(magnitude(facing_dot) < distance * TILTED);
+  const masks hard = ~culled & (from_farthest | MASK(magnitude(facing_dot) < distance * TILTED));
   const int any_hard = ANY(hard);
   eye_point tu2, tv2;
   if (any_hard) {
