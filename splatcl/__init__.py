@@ -1,17 +1,25 @@
-"""splatcl: the reference software rasterizer for surface splatting, in OpenCL, driven from Python."""
+"""splatcl: the reference software rasterizer for surface splatting, in OpenCL, driven from Python.
 
-from importlib.metadata import version
+Names are imported when they are first used, so that ``import splatcl`` and ``splatcl --help`` cost next to nothing.
+"""
 
-from splatcl.camera import Camera
-from splatcl.errors import SplatclError
-from splatcl.frame import Frame
-from splatcl.io import read, write
-from splatcl.lights import Light, Material
-from splatcl.render import Renderer, render
-from splatcl.settings import RenderSettings
-from splatcl.splats import Splats
+import importlib
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
-__version__ = version("splatcl")
+if TYPE_CHECKING:
+    from splatcl.camera import Camera
+    from splatcl.errors import SplatclError
+    from splatcl.frame import Frame
+    from splatcl.io import read, write
+    from splatcl.lights import Light, Material
+    from splatcl.render import Renderer, render
+    from splatcl.settings import RenderSettings
+    from splatcl.splats import Splats
+
+    __version__: str
+
 __all__ = [
     "Camera",
     "Frame",
@@ -25,3 +33,45 @@ __all__ = [
     "render",
     "write",
 ]
+_MODULES = {
+    "Camera": "camera",
+    "Frame": "frame",
+    "Light": "lights",
+    "Material": "lights",
+    "RenderSettings": "settings",
+    "Renderer": "render",
+    "SplatclError": "errors",
+    "Splats": "splats",
+    "read": "io",
+    "render": "render",
+    "write": "io",
+}
+
+
+class _Package(ModuleType):
+    """The package: importing its module `render` binds that name, which shall stay the function."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name == "render" and isinstance(value, ModuleType):
+            value = value.render
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        value: Any = version("splatcl")
+    elif name in _MODULES:
+        value = getattr(importlib.import_module(f"splatcl.{_MODULES[name]}"), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__, "__version__"})

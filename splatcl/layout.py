@@ -1,4 +1,4 @@
-"""Struct layouts shared with the device: one NumPy dtype each, from which the C declaration is generated."""
+"""Struct layouts shared with the device: one NumPy dtype each, from which the C declaration is made."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from splatcl.settings import Precision
 
 REAL: dict[Precision, str] = {"single": "f4", "double": "f8"}
 """NumPy's name of the frame's real number."""
+C_NAMES = {"f4": "float", "f8": "double", "i4": "int", "u4": "uint", "i2": "short"}
 
 
 def _reals(real: str, *names: str) -> list[tuple[str, str]]:
@@ -49,11 +50,17 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
 
 @cache
 def structs(device: Any, real: str) -> tuple[Mapping[str, np.dtype[Any]], str]:
-    """Return the dtypes by name, padded as the OpenCL `device` pads them, and their C declarations."""
-    from pyopencl.tools import match_dtype_to_c_struct
+    """Return the dtypes by name, padded as C pads, and their C declarations, which do not compile on another layout.
 
-    dtypes, declarations = {}, []
-    for name, fields in _fields(real).items():
-        dtypes[name], declaration = match_dtype_to_c_struct(device, name, np.dtype(fields))
-        declarations.append(declaration)
-    return dtypes, "\n".join(declarations)
+    Fields go from large to small, so that only a struct's end is padded and its size vouches for every offset. Asking
+    the device instead (`pyopencl.tools.match_dtype_to_c_struct`) builds a program for each struct: 0.2 s at every
+    start, 0.8 s at the first.
+    """
+    dtypes = {name: np.dtype(fields, align=True) for name, fields in _fields(real).items()}
+    return dtypes, "\n".join(_declaration(name, dtype) for name, dtype in dtypes.items())
+
+
+def _declaration(name: str, dtype: np.dtype[Any]) -> str:
+    fields = " ".join(f"{C_NAMES[dtype[field].str[1:]]} {field};" for field in dtype.names or ())
+    size = dtype.itemsize
+    return f"typedef struct {{ {fields} }} {name};\ntypedef char {name}_size[sizeof({name}) == {size} ? 1 : -1];"

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
-import numpy as np
-
 from splatcl.errors import SettingsError
 from splatcl.lights import Light, Material
 
@@ -132,6 +130,6 @@ def _number(name: str, value: Any, low: float, high: float) -> float:
         number = float(value)
     except (TypeError, ValueError):
         raise SettingsError(f"{name} {value!r} is not a number") from None
-    if not low <= number <= high or np.isnan(number):
+    if not low <= number <= high:  # NaN too
         raise SettingsError(f"{name} {number} is not between {low} and {high}")
     return number
