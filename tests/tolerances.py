@@ -188,3 +188,13 @@ COLOR_ABSOLUTE = 1e-6
 PROBED_DISC = 2e-5
 """u, v and z of a probed splat against a solved 3x3 system, for the discs of a sphere up to its silhouette, where u
 and v err by 2^-24 / cos (seen: 3e-6)."""
+
+# ---- the OpenGL backend (examples/backend_gl)
+
+GL_CLOSE = 1e-4
+"""Z of its size, weight of its size, colours and normals: plain float32 in the vertex shader puts projected centres
+off by up to 3e-5 pixels of splats a pixel or two in radius (seen: 2e-6 at most pixels)."""
+
+GL_DIFFERENT = 0.002
+"""Largest share of covered pixels beyond that: decisions at rims and at depth + epsilon that fall otherwise, and
+discs near edge-on (seen: 0.07 % by weight, 0.03 % by Z and colour)."""
