@@ -19,6 +19,8 @@ MAX_DISTANCE = 100.0
 """Neighbours farther than this many times `reach` have no part in the cell."""
 SURROUNDED = -2.0
 """Cotangent of the widest angle between two neighbours that the surface is sure to fill: 153 degrees."""
+PARALLEL = 1e-5
+"""Sine of the angle between two edges of a cell below which rounding alone decides whether and where they meet."""
 MIN_FLATNESS = 0.7
 """A neighbour is of another sheet of the surface where less than this share of its distance is in-plane."""
 
@@ -35,112 +37,135 @@ def tangent_frame(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
 
 
 def covering_ellipse(
-    offsets: NDArray[np.float64],
-    frame: tuple[NDArray[np.float64], NDArray[np.float64]],
-    reach: NDArray[np.floating[Any]],
+    offsets: NDArray[np.float64], frame: NDArray[np.float64], reach: NDArray[np.floating[Any]]
 ) -> NDArray[np.float64]:
     """Return ellipses about the points that cover their Voronoi cells in their tangent planes.
 
+    The points are along the last axis, here and in what follows: NumPy is several times faster so.
+
     Parameters
     ----------
-    offsets : (N, K, 3) float64 array
-        Neighbours relative to their points, scene units, none zero.
-    frame : pair of (N, 3) float64 arrays
+    offsets : (3, K, N) float64 array
+        Neighbours relative to their points, the nearest first, scene units, none zero.
+    frame : (2, 3, N) float64 array
         Orthonormal tangents.
     reach : (N,) float array
         Cell vertices farther than this are taken to be outside the surface, scene units.
 
     Returns
     -------
-    (N, 2, 2) float64 array
-        Two principal half axes (rows, the longer first) in the frame's coordinates, scene units. They turn
-        the same way as the frame.
+    (2, 2, N) float64 array
+        Two principal half axes (the longer first) in the frame's coordinates, scene units. They turn the same
+        way as the frame.
     """
     duals, nearest = _duals(offsets, frame, reach)
-    corners = _cell_corners(duals)
+    corners = _cell_corners(*duals)
     # No corner within reach (a lone point, or points along a line): half the way to the nearest neighbour.
-    lonely: NDArray[np.bool_] = ~corners.any(axis=(1, 2))  # type: ignore[assignment]
-    axes = _least_ellipse(np.where(lonely[:, None, None], 1.0, corners))
-    axes *= reach[:, None, None]
-    radius = np.minimum(0.5 * nearest, reach)
-    axes[lonely] = radius[lonely, None, None] * np.eye(2)
+    lonely = ~corners.any(axis=(0, 1))
+    corners[:, :, lonely] = 1.0
+    axes = _least_ellipse(*corners) * reach
+    axes[:, :, lonely] = np.minimum(0.5 * nearest, reach)[lonely] * np.eye(2)[..., None]
     return axes
 
 
 def _duals(
-    offsets: NDArray[np.float64],
-    frame: tuple[NDArray[np.float64], NDArray[np.float64]],
-    reach: NDArray[np.floating[Any]],
+    offsets: NDArray[np.float64], frame: NDArray[np.float64], reach: NDArray[np.floating[Any]]
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return (N, K, 2) duals w of the cells' edges and the (N,) distances of the nearest neighbours.
+    """Return (2, K, N) duals w of the cells' edges and the (N,) distances of the nearest neighbours.
 
     The cell is where w.x <= 1 for every neighbour, x in units of `reach`: with q the neighbour's place in
     the plane at its true distance, w = 2 q / |q|^2. Neighbours off the plane have w = 0, no edge.
     """
-    distance = np.sqrt(np.einsum("nki,nki->nk", offsets, offsets))
-    flat = np.stack([np.einsum("nki,ni->nk", offsets, axis) for axis in frame], axis=2)
-    length = np.sqrt(np.einsum("nki,nki->nk", flat, flat))
-    share = distance / np.maximum(reach, 1e-300)[:, None]
+    distance = np.sqrt(_dot(offsets, offsets))
+    flat = np.stack([_dot(offsets, axis) for axis in frame])
+    length = np.sqrt(_dot(flat, flat))
+    share = distance / np.maximum(reach, 1e-300)
     in_plane = (length > MIN_FLATNESS * distance) & (share > MIN_DISTANCE) & (share < MAX_DISTANCE)
-    scale = np.where(in_plane, 2 * reach[:, None] / np.where(in_plane, length * distance, 1.0), 0.0)
-    return (flat * scale[..., None]).astype(np.float32), distance[:, 0]
+    scale = np.where(in_plane, 2 * reach / np.where(in_plane, length * distance, 1.0), 0.0)
+    return (flat * scale).astype(np.float32), distance[0]
 
 
-def _cell_corners(duals: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return (N, 2 D, 2) points whose convex hull covers each cell within the unit disc.
+def _dot(a: Any, b: Any) -> Any:
+    """Return the product of vectors along the first axis."""
+    total = a[0] * b[0]
+    for x, y in zip(a[1:], b[1:], strict=True):
+        total += x * y
+    return total
 
-    The cell is the polar dual of the hull of `duals`. Two hull vertices a, b that follow each other meet
-    in the corner x with a.x = b.x = 1; where the directions skip a hull vertex, x is only farther out.
+
+def _cell_corners(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return (2, 2 D, N) points whose convex hull covers each cell within the unit disc, from (K, N) duals.
+
+    The cell is the polar dual of the hull of the duals. Two hull vertices a, b that follow each other meet
+    in the corner c with a.c = b.c = 1; where the directions skip a hull vertex, c is only farther out.
     A corner beyond reach is drawn in to it where the neighbours surround the point; at the surface's
     boundary the feet a / |a|^2 of its two edges stand in for it. Unused rows are zero.
     """
-    angle = np.arange(NUM_DIRECTIONS, dtype=np.float32) * np.float32(2 * np.pi / NUM_DIRECTIONS)
-    along = np.stack([np.cos(angle), np.sin(angle)])
-    support = (duals @ along).argmax(axis=1)
-    a = np.take_along_axis(duals, support[..., None], axis=1)
-    b = np.roll(a, -1, axis=1)
-    cross = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
-    rise = np.stack([b[..., 1] - a[..., 1], a[..., 0] - b[..., 0]], axis=2)
-    corner_exists = support != np.roll(support, -1, axis=1)
-    far = np.sqrt(np.einsum("nki,nki->nk", rise, rise))
-    surrounded = np.einsum("nki,nki->nk", a, b) > SURROUNDED * cross
-    closed = corner_exists & (cross > 0) & ((far <= cross) | surrounded)
-    corner = rise / np.where(closed, np.maximum(cross, far), 1.0)[..., None]
-    length = np.einsum("nki,nki->nk", a, a)
-    foot_exists = length >= 1.0
-    foot = a / np.where(foot_exists, length, 1.0)[..., None] * foot_exists[..., None]
-    foot *= (corner_exists | np.roll(corner_exists, 1, axis=1))[..., None]
-    first = np.where(closed[..., None], corner, foot * corner_exists[..., None])
-    # The foot of b belongs to an open corner as well; with a closed one it is not needed.
-    second = np.where((corner_exists & ~closed)[..., None], np.roll(foot, -1, axis=1), 0.0)
+    support = _support(x, y)
+    ax, ay = np.take_along_axis(x, support, axis=0), np.take_along_axis(y, support, axis=0)
+    bx, by = np.roll(ax, -1, axis=0), np.roll(ay, -1, axis=0)
+    length = np.sqrt(ax * ax + ay * ay)
+    cross = ax * by - ay * bx
+    rise_x, rise_y = by - ay, ax - bx
+    far = np.sqrt(rise_x * rise_x + rise_y * rise_y)
+    corner_exists = support != np.roll(support, -1, axis=0)
+    surrounded = ax * bx + ay * by > SURROUNDED * cross
+    meet = cross > PARALLEL * length * np.roll(length, -1, axis=0)
+    closed = corner_exists & meet & ((far <= cross) | surrounded)
+    opened = corner_exists & ~closed
+    to_corner = 1 / np.where(closed, np.maximum(cross, far), 1.0)
+    to_foot = (length >= 1.0) / np.maximum(length, 1.0) ** 2
+    foot_x, foot_y = ax * to_foot, ay * to_foot
+    # An open corner has the feet of a and of b.
+    first = [np.where(closed, rise * to_corner, foot * opened) for rise, foot in ((rise_x, foot_x), (rise_y, foot_y))]
+    second = [np.roll(foot, -1, axis=0) * opened for foot in (foot_x, foot_y)]
     return np.concatenate([first, second], axis=1)
 
 
-def _least_ellipse(corners: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return (N, 2, 2) half axes of nearly the least origin-centred ellipses that hold (N, C, 2) points."""
-    x, y = corners[..., 0], corners[..., 1]
+def _support(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.int32]:
+    """Return (D, N) which of (K, N) points is the farthest in each direction.
+
+    Lengths carry the point's number in their lowest bits, so that a maximum finds both; the minimum is the
+    maximum of the opposite direction. Ten times as fast as argmax; lengths within 4e-6 may be taken for equal.
+    """
+    bits = np.int32((1 << (len(x) - 1).bit_length()) - 1)
+    number = np.arange(len(x), dtype=np.int32)[::-1, None]  # the nearest neighbour where several are as far
+    half = NUM_DIRECTIONS // 2
+    support = np.empty((NUM_DIRECTIONS, x.shape[1]), np.int32)
+    for direction in range(half):
+        angle = 2 * np.pi * direction / NUM_DIRECTIONS
+        along = np.float32(np.cos(angle)) * x + np.float32(np.sin(angle)) * y
+        packed = along.view(np.int32)
+        packed &= ~bits
+        packed |= number
+        support[direction] = along.max(axis=0).view(np.int32)
+        support[direction + half] = along.min(axis=0).view(np.int32)
+    return len(x) - 1 - (support & bits)
+
+
+def _least_ellipse(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Return (2, 2, N) half axes of nearly the least origin-centred ellipses that hold (C, N) points."""
     xx, xy, yy = x * x, x * y, y * y
     weight = (xx + yy > 0).astype(np.float32)
-    weight /= weight.sum(axis=1, keepdims=True)
-    ridge = 1e-3 * (xx + yy).max(axis=1)
+    weight /= weight.sum(axis=0)
+    ridge = 1e-3 * (xx + yy).max(axis=0)
     for _ in range(NUM_ITERATIONS):
-        moments = [np.einsum("nk,nk->n", weight, m) for m in (xx, xy, yy)]
-        weight *= _power(moments, ridge, xx, xy, yy) * 0.5
-        weight /= weight.sum(axis=1, keepdims=True)
-    p, q, r = (np.einsum("nk,nk->n", weight, m, dtype=np.float64) for m in (xx, xy, yy))
+        moments = [(weight * m).sum(axis=0) for m in (xx, xy, yy)]
+        weight *= _power(moments, ridge, xx, xy, yy)
+        weight /= weight.sum(axis=0)
+    p, q, r = ((weight * m).sum(axis=0, dtype=np.float64) for m in (xx, xy, yy))
     turn = 0.5 * np.arctan2(2 * q, p - r)
     half, spread = 0.5 * (p + r), np.hypot(0.5 * (p - r), q)
     long, short = np.sqrt(half + spread), np.sqrt(np.maximum(half - spread, 0.0))
     short = np.maximum(short, long / MAX_ASPECT)
-    cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
-    u, v = (cos * x + sin * y) / long[:, None], (cos * y - sin * x) / short[:, None]
-    grow = np.sqrt((u * u + v * v).max(axis=1))
-    axes = np.stack([np.hstack([cos, sin]) * long[:, None], np.hstack([-sin, cos]) * short[:, None]], axis=1)
-    return axes * grow[:, None, None]
+    cos, sin = np.cos(turn), np.sin(turn)
+    u, v = (cos * x + sin * y) / long, (cos * y - sin * x) / short
+    grow = np.sqrt((u * u + v * v).max(axis=0))
+    return np.array([[cos * long, sin * long], [-sin * short, cos * short]]) * grow
 
 
 def _power(moments: list[Any], ridge: Any, xx: Any, xy: Any, yy: Any) -> NDArray[np.float32]:
-    """Return (N, C) x^T M^-1 x of the points, M the (N,) moments with a ridge on the diagonal."""
+    """Return (C, N) x^T M^-1 x of the points, M the (N,) moments with a ridge on the diagonal."""
     p, q, r = moments[0] + ridge, moments[1], moments[2] + ridge
     scale = 1.0 / (p * r - q * q)
-    return (r * scale)[:, None] * xx - (2 * q * scale)[:, None] * xy + (p * scale)[:, None] * yy
+    return (r * scale) * xx - (2 * q * scale) * xy + (p * scale) * yy

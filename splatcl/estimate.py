@@ -27,8 +27,10 @@ MARGIN = 1.05
 """Discs are this much larger than their cells: they are tilted against each other on a curved surface."""
 LONE_RADIUS = 1.0
 """Radius of a point that has no other point to measure a spacing from, scene units."""
-CHUNK = 8192
-"""Points per chunk: about 40 MB of temporaries for each thread."""
+CHUNK = 2048
+"""Points per chunk: the temporaries, a few MB for each thread, are to stay in its cache."""
+MIN_GAP = 1e-3
+"""Where the two least eigenvalues of a matrix differ by less than about this share of its size, LAPACK is asked."""
 
 REASONS = (
     "",
@@ -163,14 +165,17 @@ def _estimate(
     num_neighbors = min(num_neighbors, len(places) - 1)
     tangents = np.empty((2, len(points), 3))
 
+    planes = np.ascontiguousarray(places.T)
+
     def estimate(start: int) -> None:
         chunk = order[start : start + CHUNK]
-        ids = tree.query(points[chunk], num_neighbors + 1)[1]
-        offsets = places[ids[:, 1:]] - points[chunk, None]
-        frame = tangent_frame(_pca_normals(offsets) if normals is None else normals[chunk])
-        reach = REACH * np.median(spacing[ids], axis=1)
-        ellipse = covering_ellipse(offsets, frame, reach) * MARGIN
-        tangents[:, chunk] = np.einsum("naf,fnc->anc", ellipse, frame)
+        here = points[chunk]
+        ids = np.ascontiguousarray(tree.query(here, num_neighbors + 1)[1].T)
+        offsets = planes[:, ids[1:]] - here.T[:, None]
+        frame = np.stack(tangent_frame(_pca_normals(offsets) if normals is None else normals[chunk]))
+        reach = REACH * np.median(spacing[ids], axis=0)
+        ellipse = covering_ellipse(offsets, np.ascontiguousarray(frame.transpose(0, 2, 1)), reach) * MARGIN
+        tangents[:, chunk] = np.einsum("afn,fni->ani", ellipse, frame)
 
     if num_neighbors:
         with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -183,16 +188,54 @@ def _estimate(
 
 
 def _pca_normals(offsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (N, 3) unit normals of the planes through (N, K, 3) neighbours, given relative to their points.
+    """Return (N, 3) unit normals of the planes through (3, K, N) neighbours, given relative to their points.
 
-    The sign is fixed (the largest component is positive) so that it does not depend on LAPACK's.
+    The sign is fixed: the largest component is positive.
     """
     total = offsets.shape[1] + 1
     mean = offsets.sum(axis=1) / total
-    covariance = offsets.transpose(0, 2, 1) @ offsets / total - mean[:, :, None] * mean[:, None, :]
-    normals = np.linalg.eigh(covariance)[1][:, :, 0]
+    pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+    spread = np.stack([(offsets[i] * offsets[j]).sum(axis=0) / total - mean[i] * mean[j] for i, j in pairs])
+    normals = least_eigenvectors(spread)
     rows = np.arange(len(normals))
     return normals * np.sign(normals[rows, np.abs(normals).argmax(axis=1)])[:, None]
+
+
+def least_eigenvectors(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (N, 3) unit eigenvectors of the least eigenvalues of symmetric matrices.
+
+    Parameters
+    ----------
+    matrices : (6, N) float64 array
+        Their elements xx, xy, xz, yy, yz, zz.
+    """
+    xx, xy, xz, yy, yz, zz = matrices
+    # The least root of the characteristic polynomial, for the matrix less its mean, of size 1 (Smith 1961).
+    mean = (xx + yy + zz) / 3
+    squares = (xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2 * (xy * xy + xz * xz + yz * yz)
+    size = np.sqrt(squares / 6)
+    scale = 1 / np.where(size > 0, size, 1.0)
+    a, b, c = (xx - mean) * scale, (yy - mean) * scale, (zz - mean) * scale
+    d, e, f = xy * scale, xz * scale, yz * scale
+    determinant = a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - b * e)
+    least = 2 * np.cos(np.arccos(np.clip(determinant / 2, -1.0, 1.0)) / 3 + 2 * np.pi / 3)
+    # The other two eigenvectors span the rows of what is left without it: the longest cross product is across both.
+    rows = np.array([[a - least, d, e], [d, b - least, f], [e, f, c - least]])
+    across = np.array([_cross(rows[i], rows[j]) for i, j in ((0, 1), (1, 2), (2, 0))])
+    lengths = np.sqrt((across**2).sum(axis=1))
+    longest = lengths.argmax(axis=0)
+    n = np.arange(len(mean))
+    length = lengths[longest, n]
+    unsure = ~(length > MIN_GAP)
+    vectors: NDArray[np.float64] = across[longest, :, n] / np.where(unsure, 1.0, length)[:, None]
+    if unsure.any():
+        full = matrices[:, unsure][[0, 1, 2, 1, 3, 4, 2, 4, 5]].T.reshape(-1, 3, 3)
+        vectors[unsure] = np.linalg.eigh(full)[1][:, :, 0]
+    return vectors
+
+
+def _cross(a: Any, b: Any) -> list[Any]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def _tree(points: NDArray[np.float64]) -> tuple[Any, NDArray[np.float64], NDArray[np.float64]]:

@@ -5,7 +5,7 @@ import pytest
 import tolerances as tol
 
 from splatcl.errors import InvalidSplatsError
-from splatcl.estimate import estimate_spacing, splats_from_points
+from splatcl.estimate import estimate_spacing, least_eigenvectors, splats_from_points
 
 
 def fibonacci_sphere(num):
@@ -148,6 +148,35 @@ def test_points_along_a_line_touch():
     splats = splats_from_points(points)
     np.testing.assert_allclose(splats.radius, 1.5 * 1.05, rtol=1e-6)
     assert np.abs(splats.normal @ (1 / 3, 2 / 3, 2 / 3)).max() < 1e-6
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_points_along_any_line_touch(seed):
+    """Mutation: `PARALLEL` 0. The discs at both ends then grow tenfold in some directions."""
+    direction = random_sphere(1, seed)
+    points = np.arange(50)[:, None] * direction * 3
+    splats = splats_from_points(points)
+    np.testing.assert_allclose(splats.radius, 1.5 * 1.05, rtol=1e-5)
+    assert np.abs(splats.normal @ direction.T).max() < 1e-6
+
+
+def test_eigenvectors_are_those_of_lapack():
+    """Of flat, round, long, nearly degenerate and zero matrices. Mutation: `MIN_GAP` 0."""
+    rng = np.random.default_rng(11)
+    axes = np.linalg.qr(rng.normal(size=(4000, 3, 3)))[0]
+    sizes = np.sort(10.0 ** -rng.uniform(0, 18, (4000, 3)), axis=1)
+    sizes[::3, 1] = sizes[::3, 2]
+    sizes[::5, 1] = sizes[::5, 0] + 1e-9 * sizes[::5, 2]
+    sizes[:10] = 0.0
+    matrices = (axes * sizes[:, None]) @ axes.transpose(0, 2, 1)
+    xx, xy, xz, _, yy, yz, _, _, zz = matrices.reshape(-1, 9).T
+    vectors = least_eigenvectors(np.array([xx, xy, xz, yy, yz, zz]))
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=1), 1.0, rtol=1e-12)
+    along = np.einsum("ni,nij,nj->n", vectors, matrices, vectors)
+    assert (along - np.linalg.eigvalsh(matrices)[:, 0] <= 1e-14 * sizes[:, 2]).all()
+    apart = sizes[:, 1] - sizes[:, 0] > 1e-3 * sizes[:, 2]
+    tilt = np.linalg.norm(np.cross(vectors, axes[:, :, 0]), axis=1)
+    assert tilt[apart].max() < 1e-10
 
 
 def test_sheets_closer_than_the_spacing_are_both_covered():
