@@ -3,7 +3,8 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV ?= .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all lint format reference-images golden runtimes contact-sheet clean
+.PHONY: demo test test-all lint format reference-images golden runtimes contact-sheet \
+	bench-check bench-check-update clean
 
 demo: $(VENV)/installed
 	@mkdir -p out
@@ -41,6 +42,15 @@ runtimes: $(VENV)/installed-test
 # Renders every model of a folder to docs/contact_sheet.png: make contact-sheet MODELS=path
 contact-sheet: $(VENV)/installed-test
 	$(BIN)/python docs/contact_sheet.py $(MODELS)
+
+# Each pass' time against a calibration kernel of the same run, compared with what is stored; about a minute, on a
+# machine that does nothing else (docs/bench.md).
+bench-check: $(VENV)/installed-test
+	$(BIN)/python -m splatcl.bench.guard docs/bench_ratios.json
+
+# Stores the ratios of now: after a wanted change of speed.
+bench-check-update: $(VENV)/installed-test
+	$(BIN)/python -m splatcl.bench.guard docs/bench_ratios.json --update
 
 $(VENV)/installed: pyproject.toml
 	@echo "Installing splatcl into $(VENV) (about a minute) ..."

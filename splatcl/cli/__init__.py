@@ -49,6 +49,7 @@ COMMANDS = {
     "render": "Render a scan to an OpenEXR file, a PNG, or both.",
     "probe": "Explain one pixel: every splat that touches it, and what became of it.",
     "info": "Say what a scan holds and what of it would be left out.",
+    "bench": "Measure how fast splats are rendered, and what bounds it.",
     "doctor": "Test a device's arithmetic and its golden images.",
     "devices": "List the OpenCL devices and mark the one that is used.",
 }

@@ -1,0 +1,113 @@
+"""The same frames turn by turn with another renderer: OpenGL's passes of examples/backend_gl, on Mesa's llvmpipe."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatcl.bench.matrix import BASE, size_name
+from splatcl.bench.measure import render_and_wait
+from splatcl.bench.scenes import fibonacci_sphere, frame_camera
+from splatcl.bench.timing import Spread, seconds_of, turn_by_turn
+from splatcl.errors import SplatclError
+from splatcl.progress import Advance, stage
+from splatcl.render import Renderer, Resident
+from splatcl.settings import Facing
+
+BACKEND = Path(__file__).parents[2] / "examples" / "backend_gl" / "backend.py"
+"""Only in a checkout."""
+SIZES = (1_000_000, 4_000_000)
+FACINGS: tuple[Facing, ...] = ("cull", "keep")
+SIZE = 512
+"""Pixels each way."""
+SECONDS = 90.0
+"""No comparison takes much longer than this, whatever the number of frames asked for."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One scene rendered by both. `difference` is the mean absolute one of RGB where both draw something."""
+
+    num_splats: int
+    facing: Facing
+    renderer_name: str
+    ours: Spread
+    theirs: Spread
+    difference: float
+    coverage_differs: float
+
+    @property
+    def ratio(self) -> float:
+        """How many times as fast splatcl is: of the medians."""
+        return self.theirs.median / self.ours.median
+
+    def as_json(self) -> dict[str, Any]:
+        """Return everything; times in seconds."""
+        times = {"ours": self.ours.as_json(), "theirs": self.theirs.as_json(), "ratio": self.ratio}
+        return vars(self) | times
+
+
+def load_backend(path: Path) -> Any:
+    """Return the class `Backend` of a file.
+
+    Raises
+    ------
+    SplatclError
+        There is no such file, or a module that it needs is missing.
+    """
+    spec = importlib.util.spec_from_file_location("splatcl_backend_gl", path)
+    if not path.exists() or not spec or not spec.loader:
+        raise SplatclError(f"--against llvmpipe needs {path}, which is not there: run it from a checkout")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    try:
+        spec.loader.exec_module(module)
+    except ModuleNotFoundError as error:
+        raise SplatclError(f"--against llvmpipe needs {error.name}: pip install {error.name}") from None
+    return module.Backend
+
+
+def compare(renderer: Renderer, backend_class: Any, sizes: Sequence[int], frames: int) -> Iterator[Comparison]:
+    """Render spheres of each size, culled and whole, with both.
+
+    Parameters
+    ----------
+    renderer : Renderer
+    backend_class : type
+        ``Backend(splats)`` with ``draw(camera, settings)``, which waits for the frame's end, ``read()`` and
+        ``renderer_name``.
+    sizes : sequence of int
+        Numbers of splats.
+    frames : int
+        Samples of each.
+    """
+    for size in sizes:
+        with stage(f"Comparing at {size_name(size)} splats", total=2 * len(FACINGS) * frames) as advance:
+            resident = renderer.upload(fibonacci_sphere(size))
+            backend = backend_class(resident.splats)
+            for facing in FACINGS:
+                yield _compare(renderer, backend, resident, facing, frames, advance)
+
+
+def _compare(
+    renderer: Renderer, backend: Any, resident: Resident, facing: Facing, frames: int, advance: Advance
+) -> Comparison:
+    camera, settings = frame_camera(resident.splats, SIZE, SIZE), replace(BASE, facing=facing)
+    ours = renderer.render(resident, camera, settings).color
+    backend.draw(camera, settings)
+    theirs = backend.read()["color"]
+    both = (ours[..., 3] > 0) & (theirs[..., 3] > 0)
+    difference = float(np.abs(ours[both][:, :3] - theirs[both][:, :3]).sum() / max(3 * np.count_nonzero(both), 1))
+    jobs = (
+        lambda: {"frame": seconds_of(lambda: render_and_wait(renderer, resident, camera, settings))},
+        lambda: {"frame": seconds_of(lambda: backend.draw(camera, settings))},
+    )
+    our_time, their_time = (spreads["frame"] for spreads in turn_by_turn(jobs, frames, SECONDS, advance))
+    differs = float(np.mean((ours[..., 3] > 0) != (theirs[..., 3] > 0)))
+    return Comparison(len(resident.splats), facing, backend.renderer_name, our_time, their_time, difference, differs)

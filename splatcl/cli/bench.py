@@ -1,0 +1,115 @@
+"""``splatcl bench``: how fast splats are rendered here, and what bounds it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from splatcl.errors import SettingsError
+from splatcl.progress import stage
+
+if TYPE_CHECKING:
+    from splatcl.render import Renderer
+    from splatcl.splats import Splats
+
+MAX_FRAMES = 1000
+
+
+def bench(
+    *,
+    output: Path = Path("bench.json"),
+    plot: Path | None = None,
+    sizes: str | None = None,
+    only: str | None = None,
+    frames: int = 11,
+    quick: bool = False,
+    model: Path | None = None,
+    against: Literal["llvmpipe"] | None = None,
+    device: str | None = None,
+) -> None:
+    """Time each pass and whole frames over a matrix of scenes and settings (docs/bench.md).
+
+    Parameters
+    ----------
+    output : path
+        JSON file for every sample and what it was taken on.
+    plot : path
+        PNG file: splats a second against the number of splats.
+    sizes : str
+        Numbers of splats, such as 137k,1.1M [default: those of the paper's Table 1, to 14M].
+    only : str
+        A word of the configurations to measure, such as shuffled, 1920x1080 or scan.
+    frames : int
+        Samples of each configuration; slow ones get fewer.
+    quick : bool
+        Small sizes only: under a minute.
+    model : path
+        Scan whose discs are divided to the number of splats [default: the bunny of the checkout].
+    against : str
+        Compare with OpenGL's passes of examples/backend_gl, turn by turn, instead.
+    device : str
+        OpenCL device: an index of `splatcl devices`, or words of its name and version.
+    """
+    import splatcl
+    from splatcl.bench import machine, matrix
+    from splatcl.bench.plot import check_plot
+    from splatcl.bench.report import save_json
+    from splatcl.io.atomic import check_writable
+
+    if not 1 <= frames <= MAX_FRAMES:
+        raise SettingsError(f"--frames {frames} is not between 1 and {MAX_FRAMES}")
+    if quick and sizes:
+        raise SettingsError("--quick and --sizes exclude each other")
+    for name, value in (("--only", only), ("--plot", plot), ("--model", model)):
+        if against and value:
+            raise SettingsError(f"--against and {name} exclude each other")
+    numbers = matrix.QUICK_SIZES if quick else matrix.parse_sizes(sizes) if sizes else None
+    rows = matrix.rows(numbers or matrix.SIZES)
+    rows = matrix.only(rows, only) if only else rows
+    check_writable(output)
+    if plot:
+        check_plot(plot)
+    renderer = splatcl.Renderer(device=device)
+    facts = machine.facts(renderer.device)
+    print(f"{facts['device']['version']}, {facts['device']['name']}, {facts['machine']['cpus']} CPUs")
+    content = _against(renderer, numbers, frames) if against else _matrix(renderer, rows, frames, model, plot)
+    save_json(output, facts | content)
+    print(f"wrote {output}")
+
+
+def _matrix(renderer: Renderer, rows: list[Any], frames: int, model: Path | None, plot: Path | None) -> dict[str, Any]:
+    from splatcl.bench.measure import measure
+    from splatcl.bench.plot import save_plot
+    from splatcl.bench.report import print_tables, results_as_json
+    from splatcl.bench.roofline import measure_limits
+
+    scan = _scan(model) if any(row.model == "scan" for row in rows) else None
+    with stage("Measuring the machine's limits"):
+        limits = measure_limits(renderer.device)
+    results, skipped = measure(renderer, rows, frames, scan, print)
+    print_tables(results, skipped, limits)
+    if plot and results:
+        save_plot(plot, results)
+        print(f"wrote {plot}")
+    return results_as_json(results, skipped, limits)
+
+
+def _against(renderer: Renderer, sizes: tuple[int, ...] | None, frames: int) -> dict[str, Any]:
+    from splatcl.bench import against
+    from splatcl.bench.report import print_comparisons
+
+    backend = against.load_backend(against.BACKEND)
+    comparisons = list(against.compare(renderer, backend, sizes or against.SIZES, frames))
+    print_comparisons(comparisons)
+    return {"against": [one.as_json() for one in comparisons]}
+
+
+def _scan(model: Path | None) -> Splats | None:
+    from splatcl import io
+    from splatcl.bench.scenes import bundled_scan
+
+    path = model or bundled_scan()
+    if path is None:
+        return None
+    with stage(f"Reading {path.name}"):
+        return io.read(path)
