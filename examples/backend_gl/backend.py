@@ -138,8 +138,9 @@ class Backend:
         self.renderer_name = str(context().info["GL_RENDERER"])
         self._num_splats = len(splats)
         self._oriented = splats.oriented
-        self._auto_epsilon = float(np.median(splats.radius)) if len(splats) else 0.0
-        self._largest_radius = float(splats.radius.max(initial=0.0))
+        radius = splats.radius
+        self._auto_epsilon = float(np.median(radius)) if len(splats) else 0.0
+        self._largest_radius = float(radius.max(initial=0.0))
         self._sphere = splats.bounding_sphere
         rows = vertices(splats, self._sphere[0])
         rows = rows[morton_order(rows[:, :3])] if sort else rows
