@@ -1,4 +1,4 @@
-"""Surface splatting in OpenGL 3.3: the three passes of [BHZK05], through EGL on Mesa's llvmpipe or any other driver.
+"""Surface splatting in OpenGL 3.3: the three passes of [BHZK05], through EGL, on Mesa's llvmpipe.
 
 A renderer of its own, with its own GLSL, written for OpenGL: points as large as the discs' projections, rays
 intersected in the fragment shader, float render targets. It takes splatcl's splats, cameras and settings and gives
