@@ -69,7 +69,7 @@ def load_backend(path: Path) -> Any:
     try:
         spec.loader.exec_module(module)
     except ModuleNotFoundError as error:
-        raise SplatclError(f"--against llvmpipe needs {error.name}: pip install {error.name}") from None
+        raise SplatclError(f"--against llvmpipe needs {error.name}: pip install 'splatcl[gl]'") from None
     return module.Backend
 
 

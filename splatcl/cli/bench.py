@@ -9,6 +9,7 @@ from splatcl.errors import SettingsError
 from splatcl.progress import stage
 
 if TYPE_CHECKING:
+    from splatcl.bench.matrix import Row
     from splatcl.render import Renderer
     from splatcl.splats import Splats
 
@@ -51,23 +52,21 @@ def bench(
         OpenCL device: an index of `splatcl devices`, or words of its name and version.
     """
     import splatcl
-    from splatcl.bench import machine, matrix
-    from splatcl.bench.plot import check_plot
+    from splatcl.bench import machine
     from splatcl.bench.report import save_json
     from splatcl.io.atomic import check_writable
 
     if not 1 <= frames <= MAX_FRAMES:
         raise SettingsError(f"--frames {frames} is not between 1 and {MAX_FRAMES}")
-    if quick and sizes:
-        raise SettingsError("--quick and --sizes exclude each other")
     for name, value in (("--only", only), ("--plot", plot), ("--model", model)):
         if against and value:
             raise SettingsError(f"--against and {name} exclude each other")
-    numbers = matrix.QUICK_SIZES if quick else matrix.parse_sizes(sizes) if sizes else None
-    rows = matrix.rows(numbers or matrix.SIZES)
-    rows = matrix.only(rows, only) if only else rows
+    numbers = _numbers(sizes, quick)
+    rows = _rows(numbers, only)
     check_writable(output)
     if plot:
+        from splatcl.bench.plot import check_plot
+
         check_plot(plot)
     renderer = splatcl.Renderer(device=device)
     facts = machine.facts(renderer.device)
@@ -77,7 +76,25 @@ def bench(
     print(f"wrote {output}")
 
 
-def _matrix(renderer: Renderer, rows: list[Any], frames: int, model: Path | None, plot: Path | None) -> dict[str, Any]:
+def _numbers(sizes: str | None, quick: bool) -> tuple[int, ...] | None:
+    """Return the numbers of splats that were asked for, None for the usual ones."""
+    from splatcl.bench import matrix
+
+    if quick and sizes:
+        raise SettingsError("--quick and --sizes exclude each other")
+    if quick:
+        return matrix.QUICK_SIZES
+    return None if sizes is None else matrix.parse_sizes(sizes)
+
+
+def _rows(numbers: tuple[int, ...] | None, only: str | None) -> list[Row]:
+    from splatcl.bench import matrix
+
+    rows = matrix.rows(numbers or matrix.SIZES)
+    return rows if only is None else matrix.only(rows, only)
+
+
+def _matrix(renderer: Renderer, rows: list[Row], frames: int, model: Path | None, plot: Path | None) -> dict[str, Any]:
     from splatcl.bench.measure import measure
     from splatcl.bench.plot import save_plot
     from splatcl.bench.report import print_tables, results_as_json
