@@ -11,6 +11,7 @@ from typing import get_args
 
 import imageio.v3 as imageio
 import numpy as np
+import pyopencl as cl
 import pytest
 
 import splatcl
@@ -386,6 +387,16 @@ def test_what_does_not_fit_is_skipped_with_a_reason(renderer, monkeypatch, name,
     monkeypatch.setattr(measure, name, value)
     results, skipped = measure.measure(renderer, [Row(200, BASE)], 1, None, lambda line: None)
     assert not results and isinstance(skipped[0], Skipped) and reason in skipped[0].reason
+
+
+@pytest.mark.parametrize("error", [cl.MemoryError("no memory"), MemoryError()])
+def test_what_the_device_refuses_is_skipped(renderer, monkeypatch, error):
+    def refuse(self, watch=None):
+        raise error
+
+    monkeypatch.setattr(FramePasses, "run", refuse)
+    results, (skipped,) = measure.measure(renderer, [Row(200, BASE)], 1, None, lambda line: None)
+    assert not results and "memory" in skipped.reason
 
 
 # --- against another renderer

@@ -27,8 +27,8 @@ THREE_LIGHTS = (
     Light("directional", (1.0, 2.0, 3.0), (0.5, 0.4, 0.3)),
     Light("point", (-3.0, 2.0, 1.0), (0.3, 0.4, 0.5)),
 )
-BYTES_PER_SPLAT = 48 + 36 + 48 + 100 + 100
-"""Upper bound: the host's arrays, temporaries, planes on the device, records of project, records of one band."""
+BYTES_PER_SPLAT = 460
+"""Measured with 1.1M splats and none culled: two thirds are the making of the scene on the host."""
 BYTES_PER_PIXEL = 96
 
 
@@ -58,7 +58,7 @@ class Row:
 
     @property
     def num_bytes(self) -> int:
-        """Estimate of the memory that it needs, an upper bound."""
+        """Estimate of the memory that it needs."""
         scale = 2 if self.settings.precision == "double" else 1
         return scale * (self.num_splats * BYTES_PER_SPLAT + self.width * self.height * BYTES_PER_PIXEL)
 

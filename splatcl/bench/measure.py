@@ -201,6 +201,8 @@ def measure(
 
 
 def _prepared(renderer: Renderer, scenes: Scenes, rows: Sequence[Row], has_scan: bool) -> Iterator[Job | Skipped]:
+    import pyopencl as cl
+
     for row in rows:
         if row.model == "scan" and not has_scan:
             yield Skipped(row, "no scan: give --model FILE, or run from a checkout")
@@ -210,7 +212,7 @@ def _prepared(renderer: Renderer, scenes: Scenes, rows: Sequence[Row], has_scan:
             continue
         try:
             job = Job(renderer, scenes.resident(row), row)
-        except (DeviceError, MemoryError) as error:
+        except (DeviceError, MemoryError, cl.Error) as error:
             yield Skipped(row, str(error) or "out of memory")
             continue
         took = seconds_of(job.frame)
