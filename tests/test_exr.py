@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import subprocess
 import sys
 
@@ -252,3 +253,30 @@ def test_the_order_of_metadata_does_not_change_the_bytes(tmp_path):
     make_frame(epsilon=1.0, device="x").save(tmp_path / "a.exr")
     make_frame(device="x", epsilon=1.0).save(tmp_path / "b.exr")
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
+
+
+def test_a_forked_process_writes_after_its_parent_did(tmp_path):
+    """Mutation: OpenEXR's threads are left as they are at a fork; the child then hangs."""
+    frame = make_frame(make_aovs(64, 64))
+    frame.save(tmp_path / "parent.exr")
+    assert OpenEXR.global_thread_count() > 0
+    child = multiprocessing.get_context("fork").Process(target=frame.save, args=(tmp_path / "child.exr",))
+    child.start()
+    child.join(timeout=60)
+    try:
+        assert child.exitcode == 0
+    finally:
+        child.kill()
+    frame.save(tmp_path / "again.exr")
+    files = {(tmp_path / f"{name}.exr").read_bytes() for name in ("parent", "child", "again")}
+    assert len(files) == 1
+
+
+def test_the_number_of_threads_is_left_to_a_program_that_chose_it_and_changes_no_byte(tmp_path):
+    frame, written = make_frame(make_aovs(64, 64)), set()
+    for threads in (1, 3):
+        OpenEXR.set_global_thread_count(threads)
+        frame.save(tmp_path / "a.exr")
+        assert OpenEXR.global_thread_count() == threads
+        written.add((tmp_path / "a.exr").read_bytes())
+    assert len(written) == 1

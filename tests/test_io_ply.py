@@ -5,6 +5,8 @@ import pytest
 from io_files import BYTES, FACES, NORMALS, POINTS, close, gaussian, linear, ply, put, rows, xyz
 
 import splatcl.io
+from splatcl.io.color import linear_integers, srgb_to_linear
+from splatcl.io.formats import load_model
 from splatcl.splats import DEFAULT_COLOR
 
 FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
@@ -43,6 +45,32 @@ def test_ply_colors_of_every_type(tmp_path, form):
     ]:
         file = ply(form, [("vertex", [*xyz(), *[(kind, n) for n in names]], rows(POINTS, values))])
         close(splatcl.io.read(put(tmp_path / "a.ply", file)).color, expected)
+
+
+@pytest.mark.parametrize("form", FORMS[1:])
+def test_ply_arrays_are_native_and_outlive_the_file(tmp_path, form):
+    properties = [*xyz(), *[("float", n) for n in ("nx", "ny", "nz", "radius")], *[("uchar", n) for n in "rgb"]]
+    data = rows(POINTS, NORMALS, np.full((5, 1), 0.5), BYTES)
+    path = put(tmp_path / "a.ply", ply(form, [("vertex", properties, data)]))
+    model = load_model(path)
+    with path.open("r+b") as file:
+        file.write(bytes(path.stat().st_size))
+    np.testing.assert_array_equal(model.points, POINTS)
+    np.testing.assert_allclose(model.normals, NORMALS, atol=1e-6)
+    np.testing.assert_array_equal(model.radius, np.full(5, 0.5))
+    close(model.color, linear(BYTES))
+    assert all(a.dtype.isnative and a.flags.c_contiguous for a in (model.points, model.normals, model.radius))
+
+
+@pytest.mark.parametrize("kind", ["u1", "i1", "u2", "i2", "u4", "i4", "i8"])
+@pytest.mark.parametrize("white", [255, 65535])
+def test_integer_colors_are_clamped_to_black_and_white(kind, white):
+    info = np.iinfo(kind)
+    color = np.array(
+        [v for v in (info.min, -1, 0, 1, 200, 254, 255, 256, 65535, info.max) if info.min <= v <= info.max]
+    )
+    expected = srgb_to_linear(np.clip(color.astype(float), 0, white) / white)
+    np.testing.assert_array_equal(linear_integers(color.astype(kind), white), expected)
 
 
 def test_ply_radius_makes_circles(tmp_path):

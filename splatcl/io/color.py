@@ -37,7 +37,15 @@ def linear_color(color: NDArray[Any], note: list[str]) -> NDArray[Any]:
                 "belong in integer properties"
             )
         return color
-    return srgb_to_linear(color / (255.0 if is_8bit(color) else 65535.0))
+    return linear_integers(color, 255 if is_8bit(color) else 65535)
+
+
+def linear_integers(color: NDArray[Any], white: int) -> NDArray[np.float32]:
+    """Return linear RGB for sRGB integers, from a table of all levels up to `white`; others are clamped."""
+    table = srgb_to_linear(np.arange(white + 1) / white)
+    if color.dtype == np.min_scalar_type(white):  # needs no clamping
+        return table[color]
+    return table.take(color, mode="clip")
 
 
 def is_8bit(color: NDArray[Any]) -> bool:

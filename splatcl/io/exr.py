@@ -8,6 +8,7 @@ import json
 import math
 import os
 from collections.abc import Iterator
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -70,6 +71,7 @@ def write_exr(path: str | os.PathLike[str], frame: Frame) -> None:
         try:
             # Through a Python file: OpenEXR's own loses a write error in its last buffer (a full disk).
             with temporary.open("wb") as file:
+                _use_all_cores()
                 OpenEXR.File(header, channels).write(file)
         except RuntimeError as error:
             raise OSError(errno.EIO, str(error)) from None
@@ -113,6 +115,23 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], Cam
         raise FileError(f"{path}: damaged or unsupported OpenEXR file ({error})") from None
     camera = description.pop("camera", None)
     return _group(planes), camera and camera_from_json(camera, os.fspath(path)), description
+
+
+def _use_all_cores() -> None:
+    """Let OpenEXR compress in as many threads as there are cores, unless the program has chosen a number."""
+    import OpenEXR
+
+    if not OpenEXR.global_thread_count():
+        OpenEXR.set_global_thread_count(os.cpu_count())
+        _end_threads_before_fork()
+
+
+@cache
+def _end_threads_before_fork() -> None:
+    """See to it, once, that no process forks with OpenEXR's threads: its child would wait for them for ever."""
+    import OpenEXR
+
+    os.register_at_fork(before=lambda: OpenEXR.set_global_thread_count(0))
 
 
 def world_to_camera(camera: Camera) -> NDArray[np.float32]:

@@ -9,7 +9,7 @@ from typing import BinaryIO
 import numpy as np
 
 from splatcl.errors import FileError
-from splatcl.io.color import srgb_to_linear
+from splatcl.io.color import linear_integers
 from splatcl.io.model import Model, foreign_errors, require
 
 MAX_PACKING = 1000
@@ -48,7 +48,7 @@ def read_las(path: Path) -> Model:
         eight = color.max() <= 255
         if eight:
             notes.append("colours are 8-bit values in 16-bit fields")
-        color = srgb_to_linear(color / (255.0 if eight else 65535.0))
+        color = linear_integers(color, 255 if eight else 65535)
     return Model(path, kind, points, color=color, notes=tuple(notes))
 
 

@@ -52,7 +52,7 @@ def read_ply(path: Path) -> Model:
     if columns.keys() >= gaussians.COLUMNS:
         return gaussians.from_columns(path, kind, columns, notes)
     faces, face_color = _faces(path, elements, notes)
-    used = {*XYZ, "radius"}
+    used, radius = {*XYZ, "radius"}, columns.get("radius")
     normals, color = _first(columns, NORMALS, used), _first(columns, COLORS, used)
     ignored = [name for name in columns if name not in used and name != "alpha"]
     ignored += [f"element {e.name}" for e in ply if e.name.lower() not in (vertex, "face", "tristrips")]
@@ -64,7 +64,7 @@ def read_ply(path: Path) -> Model:
         _stack(columns, XYZ),
         normals,
         None if color is None else linear_color(color, notes),
-        columns.get("radius"),
+        None if radius is None else radius.astype(radius.dtype.newbyteorder("=")),
         faces=faces,
         face_color=None if face_color is None else linear_color(face_color, notes),
         notes=tuple(notes),
@@ -153,15 +153,17 @@ def _check_end(path: Path, num_rows: int) -> None:
 
 
 def _columns(element: Any, scalar: bool) -> dict[str, NDArray[Any]]:
-    """Return an element's properties by lower-case name, in native byte order; only scalars or only lists."""
+    """Return an element's properties by lower-case name, as the file has them; only scalars or only lists.
+
+    They are views of the mapped file, in its byte order; `np.stack` makes native copies.
+    """
     from plyfile import PlyListProperty
 
-    columns = {}
-    for prop in element.properties:
-        if isinstance(prop, PlyListProperty) != scalar:
-            data = np.asarray(element.data[prop.name])
-            columns[prop.name.lower()] = np.array(data, data.dtype.newbyteorder("="))
-    return columns
+    return {
+        prop.name.lower(): np.asarray(element.data[prop.name])
+        for prop in element.properties
+        if isinstance(prop, PlyListProperty) != scalar
+    }
 
 
 def _stack(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> NDArray[Any]:
