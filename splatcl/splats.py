@@ -18,6 +18,8 @@ MIN_AREA = 1e-15
 """Smallest |t_u x t_v| of a usable splat, in square scene units: below it the normal is lost in float32."""
 MAX_MAGNITUDE = 1e15
 """Largest usable coordinate: its square must stay finite in float32."""
+BLOCK = 16384
+"""Splats that are validated at a time, so that what is computed for them stays in the cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +120,8 @@ class Splats:
         if not len(self):
             return self
         distance = np.linalg.norm(self.center - np.median(self.center, axis=0), axis=1)
-        return self.take(distance <= 2 * np.quantile(distance, 0.95))
+        near = distance <= 2 * np.quantile(distance, 0.95)
+        return self if near.all() else self.take(near)
 
     def take(self, ids: ArrayLike) -> Splats:
         """Return the splats at `ids` (indices, a mask or a slice), in that order."""
@@ -137,12 +140,27 @@ def invalid_splats(
 ) -> NDArray[np.uint8]:
     """Return (N,) uint8: 0 for a valid splat, else the index in `REASONS` of what is wrong with it."""
     columns = (center, tangent_u, tangent_v, color)
+    reason = np.empty(len(center), np.uint8)
+    for start in range(0, len(center), BLOCK):
+        rows = slice(start, start + BLOCK)
+        reason[rows] = _reasons(*(column[rows].T for column in columns))
+    return reason
+
+
+def _reasons(
+    center: NDArray[Any], tangent_u: NDArray[Any], tangent_v: NDArray[Any], color: NDArray[Any]
+) -> NDArray[np.uint8]:
+    """Return (N,) reasons for (3, N) columns."""
+    columns = (center, tangent_u, tangent_v, color)
+    ux, uy, uz, vx, vy, vz = (*tangent_u.astype(np.float64), *tangent_v.astype(np.float64))
     with np.errstate(invalid="ignore", over="ignore"):
-        finite = np.logical_and.reduce([np.isfinite(c).all(axis=1) for c in columns])
-        small = np.logical_and.reduce([(np.abs(c) <= MAX_MAGNITUDE).all(axis=1) for c in columns])
-        cross = np.cross(tangent_u.astype(np.float64), tangent_v.astype(np.float64))
-        area = np.linalg.norm(cross, axis=1)
-    return np.select([~finite, ~small, ~(area >= MIN_AREA)], [1, 2, 3], 0).astype(np.uint8)
+        x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        has_area = np.sqrt(x * x + y * y + z * z) >= MIN_AREA
+        if has_area.all() and all(np.abs(column).max() <= MAX_MAGNITUDE for column in columns):
+            return np.zeros(len(x), np.uint8)
+        finite = np.logical_and.reduce([np.isfinite(c).all(axis=0) for c in columns])
+        small = np.logical_and.reduce([(np.abs(c) <= MAX_MAGNITUDE).all(axis=0) for c in columns])
+    return np.select([~finite, ~small, ~has_area], [1, 2, 3], 0).astype(np.uint8)
 
 
 def describe_invalid(reason: NDArray[np.uint8]) -> str:
