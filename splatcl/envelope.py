@@ -65,8 +65,7 @@ def envelope(
     SettingsError
         The tolerance is out of range.
     """
-    if not 0 < tolerance <= MAX_MARGIN:
-        raise SettingsError(f"tolerance {tolerance} must be above 0 and at most {MAX_MARGIN:g}")
+    check_tolerance(tolerance)
     num_pixels = camera.height * camera.width
     low, high = np.zeros((num_pixels, 8)), np.zeros((num_pixels, 8))  # Z, weight, albedo, N
     low[:, 0] = high[:, 0] = np.inf
@@ -74,7 +73,7 @@ def envelope(
     values = np.hstack([splats.color.astype(np.float64), projected.normal_eye])
     unsure_facing = np.abs(projected.facing_margin) <= tolerance
     offset_error = 4.0 * max(camera.width, camera.height)
-    for pairs in bands(splats, projected, camera, settings):
+    for pairs in bands(projected, camera, settings):
         f = fragments(pairs, projected, camera, settings, epsilon, offset_error)
         low[pairs.pixel, 0], high[pairs.pixel, 0] = z_low, z_high = _depth(pairs, f, tolerance)
         choices, never_empty = _choices(pairs, f, settings, tolerance, z_low, z_high)
@@ -90,6 +89,12 @@ def envelope(
         low[pairs.pixel, 2:] = np.where(zero, np.minimum(mean_low, 0.0), mean_low)
         high[pairs.pixel, 2:] = np.where(zero, np.maximum(mean_high, 0.0), mean_high)
     return _named(low, high, camera)
+
+
+def check_tolerance(tolerance: float) -> None:
+    """Raise `SettingsError` where the tolerance is out of range."""
+    if not 0 < tolerance <= MAX_MARGIN:
+        raise SettingsError(f"tolerance {tolerance} must be above 0 and at most {MAX_MARGIN:g}")
 
 
 def _depth(pairs: Pairs, f: Fragments, tolerance: float) -> tuple[Array, Array]:

@@ -146,26 +146,25 @@ class Frame:
 
         See `splatcl.uncertainty.margin`; `SplatclError` as for `probe`.
         """
-        from splatcl.uncertainty import margin
+        from splatcl.uncertainty_pass import margin
 
-        pixels = margin(self._splats("add a margin to"), self.camera, self.settings, self.metadata["epsilon"])
-        self._added |= dict(zip(MARGINS, pixels, strict=True))
+        renderer, splats = self.origin("add a margin to")
+        arguments = renderer.resident(splats), self.camera, self.settings, self.metadata["epsilon"]
+        self._added |= dict(zip(MARGINS, renderer.call(margin, *arguments), strict=True))
 
     def add_envelope(self, tolerance: float | None = None) -> None:
         """Add the bounds within which every correct renderer lands: Z.lo, Z.hi, and of weight, albedo and N.
 
         See `splatcl.envelope.envelope`, also for `tolerance`; `SplatclError` as for `probe`.
         """
-        from splatcl.envelope import TOLERANCE, envelope
+        from splatcl.envelope import TOLERANCE
+        from splatcl.uncertainty_pass import envelope
 
         tolerance = TOLERANCE if tolerance is None else tolerance
-        splats = self._splats("add an envelope to")
-        self._added |= envelope(splats, self.camera, self.settings, self.metadata["epsilon"], tolerance)
+        renderer, splats = self.origin("add an envelope to")
+        arguments = renderer.resident(splats), self.camera, self.settings, self.metadata["epsilon"], tolerance
+        self._added |= renderer.call(envelope, *arguments)
         self.metadata["envelope_tolerance"] = tolerance
-
-    def _splats(self, purpose: str) -> Splats:
-        renderer, splats = self.origin(purpose)
-        return renderer.resident(splats).splats
 
     def origin(self, purpose: str) -> tuple[Renderer, Splats | Resident]:
         """Return the renderer and the splats that the frame was rendered with; `purpose` is what for."""

@@ -17,7 +17,7 @@ from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
 from splatcl.pipeline import DepthBuffer, GBuffer, Passes
 from splatcl.resident import ResidentSplats, upload
-from splatcl.settings import Precision, RenderSettings
+from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 from splatcl.worker import worker
 
@@ -31,7 +31,7 @@ class Resident:
 
     splats: Splats
     auto_epsilon: float
-    _on_device: dict[tuple[DeviceQueue, Precision], ResidentSplats] = field(default_factory=dict, repr=False)
+    _on_device: dict[tuple[DeviceQueue, str], Any] = field(default_factory=dict, repr=False)
 
     def epsilon(self, settings: RenderSettings) -> float:
         """Return the depth tolerance, scene units."""

@@ -85,7 +85,7 @@ def margin(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
     shape = (camera.height, camera.width)
     units, raw = np.full(shape[0] * shape[1], MAX_MARGIN), np.full(shape[0] * shape[1], np.inf)
     projected = oracle.project(splats, camera, settings)
-    for pairs in bands(splats, projected, camera, settings):
+    for pairs in bands(projected, camera, settings):
         f = fragments(pairs, projected, camera, settings, epsilon)
         nearest, distance = decisions(pairs, f)
         best = pairs.least(nearest)
@@ -105,7 +105,7 @@ def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
     front_scale = pairs.least(np.where(is_front, f.scale_z, np.inf))[pairs.run]
     fragment_z = np.where(hit, f.hit_z, f.center_z)
     fragment_scale = np.where(hit, f.scale_z, np.abs(f.center_z))
-    margins, distances = [np.abs(f.hit_margin)], [np.abs(1 - f.r3)]
+    margins, distances = [np.abs(f.hit_margin)], [np.abs(1 - np.nan_to_num(f.r3))]  # exactly edge-on: r3 is 0 / 0
     with np.errstate(invalid="ignore", over="ignore"):
         gap = np.where(hit & ~is_front, z - depth, np.inf)
         margins.append(np.where(hit & ~is_front, gap / (UNIT * (f.scale_z + front_scale)), np.inf))
@@ -155,11 +155,9 @@ def fragments(
     )
 
 
-def bands(
-    splats: Splats, projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings
-) -> Iterator[Pairs]:
+def bands(projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> Iterator[Pairs]:
     """Yield the pairs of consecutive bands of rows: each splat with the pixels in its widened bounds."""
-    bounds = _wide_bounds(splats, projected, camera, settings)
+    bounds = _wide_bounds(projected, camera, settings)
     x_first, x_last = bounds[:, 0], bounds[:, 2]
     y_first, y_last = bounds[:, 1], bounds[:, 3]
     used = np.flatnonzero((x_first <= x_last) & (y_first <= y_last))
@@ -193,16 +191,14 @@ def _expand(splat: Array, x_first: Array, x_last: Array, y_first: Array, y_last:
     return Pairs(pixels, first, splat[which][order], run, s[order])
 
 
-def _wide_bounds(
-    splats: Splats, projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings
-) -> NDArray[np.int64]:
+def _wide_bounds(projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> NDArray[np.int64]:
     """(N, 4) first x, first y, last x, last y of the pixels a splat touches or nearly touches, in the image."""
-    shown = oracle.project(splats, camera, replace(settings, facing="keep"))  # the culled have no bounds
-    p = projected
+    p, radius = projected, settings.prefilter_radius
     disc = oracle._disc_bounds(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera)
     disc[oracle._out_of_range(p, camera)] = oracle.NOTHING
-    low = np.minimum(disc, shown.bounds)[:, :2]
-    high = np.maximum(disc, shown.bounds)[:, 2:]
+    square = np.hstack([p.prefilter_point - radius, p.prefilter_point + radius])
+    square[~(p.prefilter_margin > -MAX_MARGIN)] = oracle.NOTHING
+    low, high = np.minimum(disc, square)[:, :2], np.maximum(disc, square)[:, 2:]
     kappa = oracle._discs(p, camera).kappa
     with np.errstate(invalid="ignore"):
         size = (disc[:, 2:] - disc[:, :2]).max(axis=1, initial=0.0)

@@ -198,3 +198,15 @@ off by up to 3e-5 pixels of splats a pixel or two in radius (seen: 2e-6 at most 
 GL_DIFFERENT = 0.002
 """Largest share of covered pixels beyond that: decisions at rims and at depth + epsilon that fall otherwise, and
 discs near edge-on (seen: 0.07 % by weight, 0.03 % by Z and colour)."""
+
+# ---- margins and envelopes from the device against the host's
+
+DEVICE_MARGIN = 1e-5
+"""Both are computed in float64, whose rounding is 2^-29 units; seen is float32's rounding of the result alone."""
+
+SURVEY_MARGIN = 5e-3
+"""The same for coordinates of 4e6, which the host rotates as they are: 1e-9 of 6 (1e-3 is seen). The device takes an
+origin away first."""
+
+DEVICE_RELATIVE = 2.0**-22
+"""Two roundings to float32."""
