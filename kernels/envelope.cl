@@ -1,6 +1,8 @@
 // Envelope: between what bounds each pixel of any correct renderer lands (docs/uncertainty.md). A work-item takes a
 // tile, block by block: the splats that touch the block, the bounds of depth, what each fragment may contribute, and
 // the extremes of the weighted means over all that.
+//
+// VALUES  numbers of each splat: its colour, its normal and the margin of the normal's sign
 
 #include "arithmetic.h"
 #include "lanes.h"
@@ -138,7 +140,20 @@ INLINE range weights_of(const frame *f, const disc *d, const filter *g)
   return (range){w.low * (R(1.0) - rounding), w.high * (R(1.0) + rounding)};
 }
 
-// Keep in the list the splats that may contribute, with their weights, which are 0 where they do not.
+// The extremes of the values of fragment i: a normal may be turned where its splat's facing is not sure.
+INLINE void keep_extremes(const frame *f, const tile *t, int record, int i)
+{
+  global const real *value = t->values + (long)VALUES * record;
+  global real *extreme = t->extremes + 2 * MEANS * i;
+  const int open = magnitude_of(value[MEANS]) <= f->tolerance;
+  for (int k = 0; k < MEANS; ++k) {
+    const real size = magnitude_of(value[k]);
+    extreme[2 * k] = open && k >= NORMAL ? -size : value[k];
+    extreme[2 * k + 1] = open && k >= NORMAL ? size : value[k];
+  }
+}
+
+// Keep the fragments that there may be, with their weights, which are 0 at pixels where there is none.
 INLINE contributions contribute(const frame *f, const tile *t, int n, const block *b, const depths *d)
 {
   contributions c = {R(0.0), R(0.0), R(0.0), INFINITE, 0};
@@ -167,7 +182,7 @@ INLINE contributions contribute(const frame *f, const tile *t, int n, const bloc
     c.low += w.low;
     c.high += w.high;
     c.count += SELECT((reals)R(0.0), (reals)R(1.0), possible);
-    t->list[c.num] = record;
+    keep_extremes(f, t, record, c.num);
     t->weights[2 * c.num] = w.low;
     t->weights[2 * c.num + 1] = w.high;
     ++c.num;
@@ -176,10 +191,9 @@ INLINE contributions contribute(const frame *f, const tile *t, int n, const bloc
 }
 
 // Bounds of the means; where the pixel may be uncovered they hold 0.
-INLINE void bound_means(const frame *f, const tile *t, const contributions *c, const depths *d, reals *low,
-                               reals *high)
+INLINE void bound_means(const tile *t, const contributions *c, const depths *d, reals *low, reals *high)
 {
-  for (int k = 0; k < MEANS; ++k) bound_mean(f, t, c, k, low + k, high + k);
+  for (int k = 0; k < MEANS; ++k) bound_mean(t, c, k, low + k, high + k);
   normalize_box(low + NORMAL, high + NORMAL);
   const masks covered = (MASK(d->greatest < INFINITE) & MASK(c->front_weight > R(0.0))) | MASK(c->low > R(0.0));
   for (int k = 0; k < MEANS; ++k) {
@@ -188,31 +202,60 @@ INLINE void bound_means(const frame *f, const tile *t, const contributions *c, c
   }
 }
 
+#if LANES == 1
+typedef float floats;
+#define TO_FLOATS(x) ((float)(x))
+#define TO_REALS(x) ((real)(x))
+#define TO_INTS(x) ((int)(x))
+#define AS_INTS(x) as_int(x)
+#define AS_FLOATS(x) as_float(x)
+#else
+typedef PASTE(float, LANES) floats;
+#define TO_FLOATS(x) PASTE(convert_float, LANES)(x)
+#define TO_REALS(x) PASTE(convert_double, LANES)(x)
+#define TO_INTS(x) PASTE(convert_int, LANES)(x)
+#define AS_INTS(x) PASTE(as_int, LANES)(x)
+#define AS_FLOATS(x) PASTE(as_float, LANES)(x)
+#endif
+
+#define BELOW_ZERO (-0x7fffffff)  // from the bits of 0 to those of the greatest negative float
 // The next float toward -infinity, where rounding went the other way.
-INLINE float rounded_down(real x)
+INLINE floats rounded_down(reals x)
 {
-  const float f = (float)x;
-  if (!((real)f > x)) return f;
-  return f == 0.0f ? as_float(0x80000001) : as_float(as_int(f) + (f > 0.0f ? -1 : 1));
+  const floats f = TO_FLOATS(x) + 0.0f;  // no -0
+  const reals rounded = TO_REALS(f);
+  const masks positive = MASK(rounded > R(0.0)), negative = MASK(rounded < R(0.0)), wrong = MASK(rounded > x);
+  const masks next = (positive & (bits)-1) | (negative & (bits)1) | (~positive & ~negative & (bits)BELOW_ZERO);
+  return AS_FLOATS(AS_INTS(f) + TO_INTS(wrong & next));
 }
 
-INLINE void store(global float *least, global float *most, long place, reals low, reals high, int lane)
+// One image's bounds at a block, `channels` to a pixel; each of a block's lanes in the image.
+INLINE void store(constant View *view, const block *b, global float *least, global float *most, int channels,
+                  int channel, reals low, reals high)
 {
-  least[place] = rounded_down(((const real *)&low)[lane]);
-  most[place] = -rounded_down(-((const real *)&high)[lane]);
+  const floats down = rounded_down(low), up = -rounded_down(-high);
+  for (int lane = 0; lane < LANES; ++lane) {
+    const int x = b->x + lane % BLOCK_X, y = b->y + lane / BLOCK_X;
+    if (x >= view->width || y >= view->height) continue;
+    const long place = ((long)y * view->width + x) * channels + channel;
+    least[place] = ((const float *)&down)[lane];
+    most[place] = ((const float *)&up)[lane];
+  }
 }
 
 kernel void envelope(constant View *view, global const NearbySplat *records, global const short4 *bounds,
-                     global const real *values, global const int *tile_begin, const int first_tile, const int first_entry, const int tiles_x,
-                     const real tolerance, const real offset_error, const real epsilon, const int along_ray,
-                     const real falloff, constant real *table, const int table_size, global int *list,
-                     global reals *weights, global float *z_low, global float *z_high, global float *weight_low,
-                     global float *weight_high, global float *albedo_low, global float *albedo_high,
-                     global float *normal_low, global float *normal_high)
+                     global const real *values, global const int *tile_begin, const int first_tile,
+                     const int first_entry, const int tiles_x, const real tolerance, const real offset_error,
+                     const real epsilon, const int along_ray, const real falloff, constant real *table,
+                     const int table_size, global int *list, global reals *weights, global real *extremes,
+                     global float *z_low, global float *z_high, global float *weight_low, global float *weight_high,
+                     global float *albedo_low, global float *albedo_high, global float *normal_low,
+                     global float *normal_high)
 {
   const region w = region_of(get_global_id(0), tile_begin, first_tile, first_entry, tiles_x);
   const frame f = {view, table, tolerance, tolerance * UNIT, offset_error, epsilon, falloff, along_ray, table_size};
-  const tile t = {records + w.begin, bounds + first_entry + w.begin, values + (long)VALUES * w.begin, list + w.begin, weights + 2 * (long)w.begin};
+  const tile t = {records + w.begin, bounds + first_entry + w.begin, values + (long)VALUES * w.begin,
+                  list + w.begin, weights + 2 * (long)w.begin, extremes + 2 * MEANS * (long)w.begin};
   for (int k = 0; k < BLOCKS; ++k) {
     const block b = block_at(view, w.x + k % BLOCKS_X * BLOCK_X, w.y + k / BLOCKS_X * BLOCK_Y);
     const int n = list_splats(&t, w.end - w.begin, &b);
@@ -220,17 +263,12 @@ kernel void envelope(constant View *view, global const NearbySplat *records, glo
     const contributions c = contribute(&f, &t, n, &b, &d);
     const reals rounding = R(2.0) * UNIT * c.count;
     reals low[MEANS], high[MEANS];
-    bound_means(&f, &t, &c, &d, low, high);
-    for (int lane = 0; lane < LANES; ++lane) {
-      const int x = b.x + lane % BLOCK_X, y = b.y + lane / BLOCK_X;
-      if (x >= view->width || y >= view->height) continue;
-      const long p = (long)y * view->width + x;
-      store(z_low, z_high, p, d.least, d.greatest, lane);
-      store(weight_low, weight_high, p, c.low * (R(1.0) - rounding), c.high * (R(1.0) + rounding), lane);
-      for (int j = 0; j < 3; ++j) {
-        store(albedo_low, albedo_high, 3 * p + j, low[j], high[j], lane);
-        store(normal_low, normal_high, 3 * p + j, low[NORMAL + j], high[NORMAL + j], lane);
-      }
+    bound_means(&t, &c, &d, low, high);
+    store(view, &b, z_low, z_high, 1, 0, d.least, d.greatest);
+    store(view, &b, weight_low, weight_high, 1, 0, c.low * (R(1.0) - rounding), c.high * (R(1.0) + rounding));
+    for (int j = 0; j < 3; ++j) {
+      store(view, &b, albedo_low, albedo_high, 3, j, low[j], high[j]);
+      store(view, &b, normal_low, normal_high, 3, j, low[NORMAL + j], high[NORMAL + j]);
     }
   }
 }

@@ -1,11 +1,8 @@
 // Weighted means of a block's fragments: their extremes where each weight may be anything between its bounds. Needs
 // arithmetic.h, margin.h and pair.h.
-//
-// VALUES  numbers of each splat: its colour, its normal and the margin of the normal's sign
 
 #define MEANS 6  // of colour and normal
 #define NORMAL 3
-#define FACING 6
 #define MAX_STEPS 64  // after which a bound of a mean falls back to that of its values
 #define INFINITE ((reals)(real)INFINITY)
 
@@ -18,38 +15,36 @@ typedef struct {
   int along_ray, table_size;
 } frame;
 
-// A work-item's own: records, and in its part of the scratch buffers the list of those at the block and, of each that
-// may contribute, the least and greatest weight.
+// A work-item's own: records, and in its part of the scratch buffers the list of those at the block and, of each
+// fragment that there may be, the least and greatest weight and value.
 typedef struct {
   global const NearbySplat *records;
   global const short4 *bounds;
   global const real *values;
   global int *list;
   global reals *weights;
+  global real *extremes;
 } tile;
 
 // Sums over a block's fragments.
 typedef struct {
   reals low, high, count;  // of the sure weights, of the possible ones, and of how many these are
   reals front_weight;      // least weight of those that may be front-most
-  int num;                 // fragments left in the list
+  int num;                 // fragments
 } contributions;
 
 // The least and greatest of sum(w v) / sum(w) over all weights within their bounds. Dinkelbach's iteration: at a mean m,
 // the greatest comes nearer with the greatest weights where v > m and the least elsewhere.
-INLINE void bound_mean(const frame *f, const tile *t, const contributions *c, int k, reals *low, reals *high)
+INLINE void bound_mean(const tile *t, const contributions *c, int k, reals *low, reals *high)
 {
   reals least = INFINITE, most = -INFINITE, last_least, last_most, largest = (reals)R(0.0);
   masks moves = 0;
   for (int step = 0; step < MAX_STEPS; ++step) {
     reals total_low = (reals)R(0.0), sum_low = total_low, total_high = total_low, sum_high = total_low;
     for (int i = 0; i < c->num; ++i) {
-      global const real *value = t->values + (long)VALUES * t->list[i];
-      const real v = value[k], size = magnitude_of(v);
-      const int open = k >= NORMAL && magnitude_of(value[FACING]) <= f->tolerance;  // the normal may be turned
-      const real v_low = open ? -size : v, v_high = open ? size : v;
+      const real v_low = t->extremes[2 * (MEANS * i + k)], v_high = t->extremes[2 * (MEANS * i + k) + 1];
       const reals w_least = t->weights[2 * i], w_most = t->weights[2 * i + 1];
-      if (step == 0) largest = SELECT(largest, most_of(largest, (reals)size), MASK(w_most > R(0.0)));
+      if (step == 0) largest = SELECT(largest, most_of(largest, (reals)magnitude_of(v_high)), MASK(w_most > R(0.0)));
       const reals w_low = SELECT(w_least, w_most, MASK(v_low < least));
       const reals w_high = SELECT(w_least, w_most, MASK(v_high > most));
       total_low += w_low;

@@ -105,13 +105,12 @@ def _run_envelope(
 ) -> None:
     """Fill the band's part of the images, a work-item for each tile."""
     device, camera = passes.device, passes.camera
-    lanes = device.lanes_of(passes.real)
-    at_block = device.scratch("nearby_at_block", band.num_records * 4)
-    weights = device.scratch("nearby_weights", band.num_records * 2 * lanes * 8)
+    sizes = {"at_block": 4, "weights": 2 * device.lanes_of(passes.real) * 8, "extremes": 2 * 6 * 8}
+    scratch = [device.scratch(f"nearby_{name}", band.num_records * size) for name, size in sizes.items()]
     (_, along_ray, falloff, _, *table), options = fragment_arguments(passes, epsilon)
     passes.run(
         "envelope", (band.last_tile - band.first_tile,), view, band.records, band.bounds, band.values, band.tile_begin,
         band.first_tile, band.first_entry, passes.tiles_x, float(tolerance),
-        4.0 * max(camera.width, camera.height), float(epsilon), along_ray, falloff, *table, at_block, weights, *outputs,
+        4.0 * max(camera.width, camera.height), float(epsilon), along_ray, falloff, *table, *scratch, *outputs,
         REGION=TILE, VALUES=VALUES, CENTER_LOW=0, **options,
     )  # fmt: skip

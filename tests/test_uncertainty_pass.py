@@ -6,6 +6,7 @@ Each test names a mutation of the kernels that was put in by hand, and failed it
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,20 @@ from scenes import CAMERAS, SCENES
 from test_envelope import CHOICES, EVERY
 from tolerances import DEVICE_MARGIN, DEVICE_RELATIVE, SURVEY_MARGIN
 
-from splatcl import Renderer, Splats, envelope, golden, nearby, pipeline, uncertainty, uncertainty_pass
+from splatcl import (
+    Camera,
+    Renderer,
+    RenderSettings,
+    Splats,
+    envelope,
+    golden,
+    nearby,
+    pipeline,
+    uncertainty,
+    uncertainty_pass,
+)
 from splatcl.errors import DeviceError
+from splatcl.golden import GoldenScene
 
 FOLDER = Path(__file__).resolve().parents[1] / "reference_images"
 sys.path.append(str(FOLDER))
@@ -69,7 +82,8 @@ def double_renderer(renderer):
 
 @pytest.mark.parametrize("scene", golden.scenes(), ids=lambda scene: scene.name)
 def test_golden_scenes_have_the_host_s(double_renderer, scene):
-    """Mutation: `e.z` without TINY; KEEP's facing margin of 0; sure fragments' greatest weights (w.high for w.low)."""
+    """Mutation: a facing margin of 0 under KEEP; greatest weights for sure fragments (w.high for w.low);
+    `consider_screen` left out."""
     assert_the_same(*by_both(double_renderer, scene.splats, scene.camera, scene.settings))
 
 
@@ -83,7 +97,8 @@ def test_reference_scenes_have_the_host_s(double_renderer, name):
 
 @pytest.mark.parametrize(("scene", "camera", "choices"), EVERY)
 def test_scenes_have_the_host_s(double_renderer, scene, camera, choices):
-    """Mutation: the second least depth without `most_of`; `open` normals never turned; slack without kappa."""
+    """Mutation: the second least depth without `most_of`; `open` normals never turned; the bounds' slack without
+    kappa; the gap to the front-most splat not considered."""
     assert_the_same(*by_both(double_renderer, SCENES[scene](11), CAMERAS[camera], CHOICES[choices]))
 
 
@@ -121,20 +136,33 @@ def assert_bits(renderer, expected):
 
 @pytest.mark.parametrize("way", WAYS)
 def test_lanes_and_mappings(expected, way):
-    """Mutation: pairs outside the widened bounds let in (`in_bounds` all ones)."""
+    """Mutation: `lane / BLOCK_X` and `lane % BLOCK_X` exchanged in `store`."""
     assert_bits(Renderer(**WAYS[way]), expected)
+
+
+@pytest.mark.parametrize("x", [0.0, 1 / 32, 2 / 32])
+def test_an_exactly_edge_on_disc_is_near_in_its_bounds_alone(double_renderer, renderer_with, x):
+    """r3 is 0 / 0 everywhere. Mutation: pairs outside the bounds let in (`in_bounds` all ones)."""
+    camera = Camera(np.eye(4), 32.0, 32.0, 16.0, 16.0, 33, 33)
+    disc = Splats(np.array([[0, 0, 1.0]]), np.array([[0, 0, 2.0**-10]]), np.array([[2.0**-10, 0, 0]]))
+    camera = replace(camera, cx=camera.cx + 32 * x)
+    settings = RenderSettings(epsilon=0.1, prefilter="none")
+    on_device, on_host = by_both(double_renderer, disc, camera, settings)
+    assert_the_same(on_device, on_host)
+    assert 0 < np.count_nonzero(on_device["margin"] < uncertainty.MAX_MARGIN) < 400
+    assert_bits(renderer_with(lanes=1), [(GoldenScene("edge_on", disc, camera, settings), on_device)])
 
 
 @pytest.mark.parametrize("tile", [4, 16])
 def test_tiles(expected, double_renderer, monkeypatch, tile):
-    """Mutation: `t->list` compacted without its order kept (`n - 1 - i`)."""
+    """Mutation: the list of every second block in the opposite order."""
     monkeypatch.setattr(uncertainty_pass, "TILE", tile)
     assert_bits(double_renderer, expected)
 
 
 @pytest.mark.parametrize("chunk", [16, 48])
 def test_chunks_and_bands(expected, double_renderer, monkeypatch, chunk):
-    """Mutation: `first_entry` left out of region_of."""
+    """Mutation: `first_entry` left out of region_of; of the bounds given to `tile`."""
     monkeypatch.setattr(nearby, "MIN_CHUNK", chunk)
     monkeypatch.setattr(nearby, "MAX_CHUNKS", 1000)
     monkeypatch.setattr(nearby, "MAX_LIST_ENTRIES", 500)
