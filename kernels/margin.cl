@@ -119,6 +119,7 @@ kernel void margin(constant View *view, global const NearbySplat *records, globa
   for (int k = 0; k < BLOCKS; ++k) {
     p.at[k] = block_at(view, w.x + k % BLOCKS_X * BLOCK_X, w.y + k / BLOCKS_X * BLOCK_Y);
     p.depth[k] = (reals)INFINITY;
+    p.depth_scale[k] = (reals)R(0.0);
     p.front[k] = (masks)-1;
     p.units[k] = (reals)MAX_MARGIN;
     p.raw[k] = (reals)INFINITY;

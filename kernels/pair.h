@@ -10,8 +10,13 @@
 #define REGIONS_X (TILE / REGION)  // of one tile
 #define REGIONS (REGIONS_X * REGIONS_X)
 
-// PoCL calls functions that are only inline: a call stores every vector that is in use.
+// PoCL calls functions that are only inline: a call stores every vector that is in use. (Oclgrind, of OpenCL 1.2, cannot
+// run the intrinsics that always_inline leaves.)
+#if __OPENCL_VERSION__ >= 200
 #define INLINE static inline __attribute__((always_inline))
+#else
+#define INLINE static inline
+#endif
 
 // The region of a work-item: its records are those from `begin` to before `end`, its first pixel is x, y.
 typedef struct {
