@@ -85,7 +85,9 @@ INLINE depths bound_depth(const frame *f, const tile *t, int n, const block *b)
 {
   depths d = {INFINITE, INFINITE, INFINITE};
   for (int i = 0; i < n; ++i) {
-    const disc a = disc_at(f, t->records + t->list[i], b);
+    global const NearbySplat *s = t->records + t->list[i];
+    if (!ANY(MASK((reals)s->near_z <= d.greatest))) continue;  // what cannot be front-most sets none of the three
+    const disc a = disc_at(f, s, b);
     const reals low = SELECT(INFINITE, a.low, a.hit.possible);
     d.second = least_of(d.second, most_of(d.least, low));
     d.least = least_of(d.least, low);
@@ -162,6 +164,7 @@ INLINE contributions contribute(const frame *f, const tile *t, int n, const bloc
   for (int i = 0; i < n; ++i) {
     const int record = t->list[i];
     global const NearbySplat *s = t->records + record;
+    if (!ANY(MASK((reals)s->near_z <= possible_limit))) continue;
     const disc a = disc_at(f, s, b);
     const filter g = filter_at(f, s, b);
     const masks by_center = ~a.hit.sure & g.inside.possible;

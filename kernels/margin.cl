@@ -64,6 +64,7 @@ INLINE void consider_screen(pixels *p, int k, global const NearbySplat *s, const
 INLINE void find_front(constant View *view, global const NearbySplat *s, int i, int k, pixels *p,
                               real offset_error)
 {
+  if (!ANY(MASK((reals)s->near_z <= p->depth[k]))) return;
   const meeting m = meet(view, s, &p->at[k]);
   const masks closer = is_hit(s, &p->at[k], &m) & MASK(m.z < p->depth[k]);
   if (!ANY(closer)) return;

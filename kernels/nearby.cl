@@ -244,6 +244,15 @@ static inline forms forms_of(const splats *s)
   return f;
 }
 
+// A depth that no fragment there may be is nearer than: z at r = 2 and a thousandth, far above what MAX_MARGIN leaves of
+// error, which grows with kappa. Not known of a disc that is not well before the eye.
+static inline reals nearest_z(const splats *s)
+{
+  const reals z = s->center.z;
+  const reals near_z = z - R(2.0) * s->reach - z * (R(1e-3) * (R(1.0) + s->kappa));
+  return SELECT(-NOWHERE, near_z, MASK(near_z > z * R(0.5)) & ALL(!ORTHOGRAPHIC));
+}
+
 #define L(value) LANE_OF(value, lane)
 
 // A record for each entry of the lists from `first` on, and what its fragments add.
@@ -264,12 +273,13 @@ kernel void nearby_records(constant View *view, global const real *world, global
     const forms f = forms_of(&s);
     const reals cx = center_x(&s), cy = center_y(&s), steep = R(1.0) + s.kappa;
     const reals usable = SELECT(least_of(s.edge_margin, s.facing_margin), -NOWHERE, out_of_range(view, &s));
+    const reals near_z = nearest_z(&s);
     const reals filter_margin = least_of(s.facing_margin, p.margin);
     for (int lane = 0; lane < LANES && i + lane < end; ++lane) {
       const short4 b = bounds[place[lane]];
       records[i + lane] = (NearbySplat){
           L(f.u.x), L(f.u.y), L(f.u.z), L(f.v.x), L(f.v.y), L(f.v.z), L(f.g.x), L(f.g.y), L(f.g.z), L(f.h),
-          L(cx), L(cy), L(f.center), L(steep), L(usable), L(s.center.z), L(p.x), L(p.y), L(p.error),
+          L(cx), L(cy), L(f.center), L(steep), L(usable), L(s.center.z), L(near_z), L(p.x), L(p.y), L(p.error),
           L(filter_margin), b.x, b.y, b.z, b.w};
       global real *value = values + (long)VALUES * (i + lane);
       for (int k = 0; k < 3; ++k) value[k] = world[(long)WORLD_REALS * place[lane] + 9 + k];

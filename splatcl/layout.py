@@ -41,7 +41,7 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
         + _reals(real, "prefilter_x", "prefilter_y", "center_z"),
         # What margins and envelopes need of a splat, in double precision (nearby.cl).
         "NearbySplat": _reals(real, "u_x", "u_y", "u_1", "v_x", "v_y", "v_1", "g_x", "g_y", "g_1", "h")
-        + _reals(real, "center_x", "center_y", "den", "steep", "usable", "center_z")
+        + _reals(real, "center_x", "center_y", "den", "steep", "usable", "center_z", "near_z")
         + _reals(real, "filter_x", "filter_y", "filter_error", "filter_margin")
         + _reals(real, "x_first", "y_first", "x_last", "y_last"),
         # One splat at the probed pixel, and the pixel's sums after it (probe.cl).
