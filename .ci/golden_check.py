@@ -29,9 +29,9 @@ TINY_WAYS: tuple[dict[str, Any], ...] = ({"tile_size": 8}, {"mapping": "pixel", 
 MEASURED = "<!-- .ci/runtimes writes the rest -->\n\n"
 SEEDED = {  # what Oclgrind must report: the kernels' text, and the error in its place
     "Invalid write": ("if (x >= width || y >= height) continue;", "if (x >= width || y > height) continue;"),
-    "Invalid read": ("for (int i = begin; i < end; ++i) {", "for (int i = begin; i <= end; ++i) {"),
-    "data race": ("count[p] = ", "count[0] = "),
-    "Uninitialized value": ("z_min[b] = (reals)INFINITY;", ""),
+    "Invalid read": ("ids[first + least(begin + k, end - 1)]", "ids[first + begin + k]"),
+    "data race": ("count[q] = ", "count[0] = "),
+    "Uninitialized value": ("f.particleid[p] = NO_SPLAT;", ";"),
 }
 
 

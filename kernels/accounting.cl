@@ -4,26 +4,30 @@
 #include "arithmetic.h"
 #include "ray.h"
 #include "splat.h"
+#include "lanes.h"
+#include "transpose.h"
 #include "fragment.h"
 
 kernel void accounting(constant View *view, global const ProjectedSplat *records,
-                       global const SplatAttributes *attributes, global const int *num_survivors,
+                       global const SplatAttributes *attributes, global const short4 *boxes, const int num_records,
                        const int chunk_size, const real epsilon, const int along_ray, const real inverse_radius2,
                        global const real *depth, global ulong *num_fragments)
 {
-  const int chunk = get_global_id(0);
-  const int begin = chunk * chunk_size, end = begin + num_survivors[chunk];
+  const int begin = get_global_id(0) * chunk_size, end = least(begin + chunk_size, num_records);
   ulong total = 0;
   for (int i = begin; i < end; ++i) {
     const ProjectedSplat s = records[i];
     const SplatAttributes a = attributes[i];
-    for (int y = s.y_min; y <= s.y_max; ++y)
-      for (int x = s.x_min; x <= s.x_max; ++x) {
-        const hit h = intersect(&s, x, y);
-        const fragment f = filter(&s, &a, &h, view->near, view->far, inverse_radius2);
+    const discs d = disc_of(&s);
+    const prefilters p = prefilter_of(&s, &a);
+    const short4 box = boxes[i];  // x_min, y_min, x_max, y_max
+    for (int y = box.y; y <= box.w; ++y)
+      for (int x = box.x; x <= box.z; ++x) {
+        const hit h = intersect(&d, (reals)x, (reals)y);
+        const fragment f = filter(&d, &p, &h, view->near, view->far, inverse_radius2);
         const real z = depth[(long)y * view->width + x];
-        if (f.exists && f.z <= farthest_accepted(view, x, y, z, epsilon, along_ray)) ++total;
+        if (f.exists && f.z <= farthest_accepted(view, (reals)x, (reals)y, z, epsilon, along_ray)) ++total;
       }
   }
-  num_fragments[chunk] = total;
+  num_fragments[get_global_id(0)] = total;
 }

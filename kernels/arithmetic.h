@@ -18,6 +18,7 @@
 #if DOUBLE
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 typedef double real;
+typedef double8 real8;
 typedef long bits;  // an integer as wide as a real
 #define R(x) x      // a literal
 #define MANTISSA 52
@@ -26,6 +27,7 @@ typedef long bits;  // an integer as wide as a real
 #define SPLIT_HALF 0x4000000L           // ... rounded, so that the rest of 27 bits needs only 26 and a sign
 #else
 typedef float real;
+typedef float8 real8;
 typedef int bits;
 #define R(x) PASTE(x, f)
 #define MANTISSA 23
@@ -33,14 +35,13 @@ typedef int bits;
 #define SPLIT_MASK 0xfffff000  // the leading 12 bits of a significand, which leave 12
 #define SPLIT_HALF 0
 #endif
+#define SIGN_BIT ((bits)(DOUBLE ? LONG_MIN : INT_MIN))
 
-// reals: LANES reals. masks: LANES integers as wide, all ones or all zeros. uints: LANES 32-bit counts.
+// reals: LANES reals. masks: LANES integers as wide, all ones or all zeros.
 #if LANES == 1
 typedef real reals;
 typedef bits masks;
-typedef uint uints;
 #define MASK(comparison) (-(bits)(comparison))
-#define UINT_MASK(mask) ((uint)(mask))
 #define ANY(mask) ((mask) != 0)
 #define SELECT(no, yes, mask) ((mask) ? (yes) : (no))
 #define AS_BITS(x) PASTE(AS_BITS_, DOUBLE)(x)
@@ -55,27 +56,34 @@ typedef PASTE(double, LANES) reals;
 typedef PASTE(long, LANES) masks;
 #define AS_BITS(x) PASTE(as_long, LANES)(x)
 #define AS_REALS(x) PASTE(as_double, LANES)(x)
-#define UINT_MASK(mask) PASTE(convert_uint, LANES)(mask)
 #else
 typedef PASTE(float, LANES) reals;
 typedef PASTE(int, LANES) masks;
 #define AS_BITS(x) PASTE(as_int, LANES)(x)
 #define AS_REALS(x) PASTE(as_float, LANES)(x)
-#define UINT_MASK(mask) PASTE(as_uint, LANES)(mask)
 #endif
-typedef PASTE(uint, LANES) uints;
 #define MASK(comparison) (comparison)
-// Written out, as PoCL calls select() and any() as functions: sums of a sphere's small splats took 1.4 times as long.
-#if LANES == 4
-#define ANY(mask) any_of(mask)
-static inline int any_of(masks m) { return ((m.s0 | m.s1) | (m.s2 | m.s3)) != 0; }
-#elif LANES == 8
-#define ANY(mask) any_of(mask)
-static inline int any_of(masks m) { return (((m.s0 | m.s1) | (m.s2 | m.s3)) | ((m.s4 | m.s5) | (m.s6 | m.s7))) != 0; }
-#else
-#define ANY(mask) any(mask)
-#endif
 #define SELECT(no, yes, mask) ((masks)(mask) ? (reals)(yes) : (reals)(no))
+
+// any(), sixteen bytes at a time: PoCL 3.0 calls a function for that, as for select(), min() and vload8(), and a call
+// costs more than it does, for no vector survives it in a register.
+static inline int any_of(masks m)
+{
+#if LANES == 4 && !DOUBLE
+  const long2 rest = as_long2(m);
+#else
+#if LANES == 16
+  const long4 four = as_long8(m).lo | as_long8(m).hi;
+#elif LANES == 8 && DOUBLE
+  const long4 four = m.lo | m.hi;
+#else
+  const long4 four = as_long4(m);
+#endif
+  const long2 rest = four.lo | four.hi;
+#endif
+  return (rest.x | rest.y) != 0;
+}
+#define ANY(mask) any_of(mask)
 #endif
 
 typedef struct { reals x, y, z; } reals3;
@@ -103,7 +111,11 @@ static inline reals3 add3(reals3 a, reals3 b)
 // Comparisons with NaN are false, so a NaN becomes the bound.
 static inline reals at_least(reals x, reals low) { return SELECT(low, x, MASK(x > low)); }
 static inline reals at_most(reals x, reals high) { return SELECT(high, x, MASK(x < high)); }
-static inline reals magnitude(reals x) { return SELECT(x, -x, MASK(x < R(0.0))); }
+static inline reals magnitude(reals x) { return AS_REALS(AS_BITS(x) & ~SIGN_BIT); }
+
+static inline real magnitude_of(real x) { return x < R(0.0) ? -x : x; }
+
+static inline int least(int a, int b) { return a < b ? a : b; }
 
 #include "divide.h"
 
@@ -113,6 +125,23 @@ static inline reals round_even(reals x)
 {
   reals rounded = (x + ROUND_MAGIC) - ROUND_MAGIC;
   return SELECT(x, rounded, MASK(magnitude(x) < (real)(1L << (MANTISSA - 1))));
+}
+
+// Small whole numbers as integers, and back.
+static inline masks whole_of(reals x) { return AS_BITS(x + ROUND_MAGIC) - AS_BITS((reals)(ROUND_MAGIC)); }
+static inline reals real_of(masks i) { return AS_REALS(i + AS_BITS((reals)(ROUND_MAGIC))) - ROUND_MAGIC; }
+
+// The next whole number at or above, at or below, of -1 <= x < 2^(MANTISSA - 2). (ceil and floor are calls too.)
+static inline reals round_up(reals x)
+{
+  const reals whole = (x + ROUND_MAGIC) - ROUND_MAGIC;
+  return SELECT(whole, whole + R(1.0), MASK(whole < x));
+}
+
+static inline reals round_down(reals x)
+{
+  const reals whole = (x + ROUND_MAGIC) - ROUND_MAGIC;
+  return SELECT(whole, whole - R(1.0), MASK(whole > x));
 }
 
 // e^x for -80 <= x <= 0, to about one unit in the last place: x = n ln2 + f, |f| <= ln2/2, Taylor in f.

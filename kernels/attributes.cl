@@ -4,64 +4,186 @@
 #include "arithmetic.h"
 #include "ray.h"
 #include "splat.h"
+#include "transpose.h"
 #include "fragment.h"
 #include "weight.h"
+#include "lanes.h"
+#include "tile.h"
 
-#define LANE(values) (((const real *)&(values))[lane])
+// The sums of a region, and what is accepted there.
+typedef struct {
+  real8 sums[REGION_PIXELS];
+  uint count[REGION_PIXELS];
+  real farthest[REACHED_PIXELS];
+} target;
+
+// What is the same for every fragment.
+typedef struct {
+  real near, far, falloff, inverse_radius2;
+  constant real *table;
+  int table_size, left, top;
+} rules;
+
+// What LANES pixels or splats add: all zero where a fragment does not exist or is not accepted.
+typedef struct {
+  reals weight, z;
+  masks accepted;
+} weighted;
+
+#define FARTHEST(lane, p) farthest[p + offset[lane]]
+
+// x and y count from the region's first pixel, `offset` (of each lane) from `farthest`.
+static inline weighted weigh(const discs *s, const prefilters *p, reals x, reals y, masks in_box, const real *farthest,
+                             const int *offset, const rules *r)
+{
+  const hit h = intersect(s, x + (real)r->left, y + (real)r->top);
+  const fragment f = filter(s, p, &h, r->near, r->far, r->inverse_radius2);
+  const masks accepted = f.exists & in_box & MASK(f.z <= (reals)EACH_LANE(FARTHEST, 0));
+  weighted t = {(reals)R(0.0), (reals)R(0.0), accepted};
+  if (!ANY(accepted)) return t;
+  t.weight = SELECT(R(0.0), weight_of(f.r2, r->falloff, r->table, r->table_size), accepted);
+  t.z = SELECT(R(0.0), f.z, accepted);
+  return t;
+}
+
+// Adding zero leaves a sum's bits as they are.
+static inline void put(target *t, int p, const real8 *attributes, const weighted *f, int lane)
+{
+  accumulate(&t->sums[p], attributes, LANE_OF(f->weight, lane), LANE_OF(f->z, lane));
+  t->count[p] -= WHOLE_OF(f->accepted, lane);
+}
+
+// LANES splats in small boxes, pixel by pixel of each; then splat by splat, in order, into the sums.
+static inline void small_boxes(target *t, global const SplatAttributes *attributes, const int *place, int num,
+                               const discs *s, const prefilters *p, const boxes *b, const rules *r)
+{
+  weighted found[SMALL * SMALL];
+  const counted_boxes c = count_boxes(b);
+  int offset[LANES];
+  for (int lane = 0; lane < LANES; ++lane) offset[lane] = WHOLE_OF(c.first, lane);
+  for (int y = 0; y < SMALL && ANY(MASK(c.down > (bits)y)); ++y)
+    for (int x = 0; x < SMALL && ANY(MASK(c.across > (bits)x)); ++x)
+      found[y * SMALL + x] =
+          weigh(s, p, b->x_first + (real)x, b->y_first + (real)y, MASK(c.across > (bits)x) & MASK(c.down > (bits)y),
+                t->farthest + y * REGION + x, offset, r);
+  for (int lane = 0; lane < num; ++lane) {
+    real8 values;
+    load_attributes(&values, attributes + place[lane]);
+    const int across = WHOLE_OF(c.across, lane), down = WHOLE_OF(c.down, lane);
+    for (int y = 0; y < down; ++y)
+      for (int x = 0; x < across; ++x) put(t, offset[lane] + y * REGION + x, &values, &found[y * SMALL + x], lane);
+  }
+}
+
+// One splat in a box of any size, LANES pixels at a time.
+static inline void large_box(target *t, global const SplatAttributes *attributes, global const ProjectedSplat *record,
+                             int first, int across, int down, const rules *r)
+{
+  const ProjectedSplat whole = *record;
+  const discs s = disc_of(&whole);
+  const SplatAttributes own = *attributes;
+  const prefilters p = prefilter_of(&whole, &own);
+  real8 values;
+  load_attributes(&values, attributes);
+  int offset[LANES];
+  for (int lane = 0; lane < LANES; ++lane) offset[lane] = lane / BLOCK_X * REGION + lane % BLOCK_X;
+  for (int y = 0; y < down; y += BLOCK_Y)
+    for (int x = 0; x < across; x += BLOCK_X) {
+      const int q = first + y * REGION + x;
+      const reals dx = (real)x + LANE_X, dy = (real)y + LANE_Y;
+      const weighted f = weigh(&s, &p, (real)(first % REGION) + dx, (real)(first / REGION) + dy,
+                               MASK(dx < (real)across) & MASK(dy < (real)down), t->farthest + q, offset, r);
+      if (!ANY(f.accepted)) continue;
+      const int columns = least(BLOCK_X, across - x), rows = least(BLOCK_Y, down - y);
+      for (int row = 0; row < rows; ++row)
+        for (int column = 0; column < columns; ++column)
+          put(t, q + row * REGION + column, &values, &f, row * BLOCK_X + column);
+    }
+}
+
+#define LOW(lane, boxes) boxes[place[lane]].x
+#define HIGH(lane, boxes) boxes[place[lane]].y
+#define CENTER_Z(lane, records) records[place[lane]].center_z
+#define PREFILTER_X(lane, attributes) attributes[place[lane]].prefilter_x
+#define PREFILTER_Y(lane, attributes) attributes[place[lane]].prefilter_y
+
+static inline void batch(target *t, global const ProjectedSplat *records, global const SplatAttributes *attributes,
+                         global const uint2 *attribute_boxes, const int *place, int num, const region *w,
+                         const rules *r)
+{
+  const boxes b = boxes_of((masks)EACH_LANE(LOW, attribute_boxes), (masks)EACH_LANE(HIGH, attribute_boxes), num, w);
+  if (all_small(&b)) {
+    masks low, high;
+    const discs s = load_discs(records, place, &low, &high);
+    const prefilters p = {(reals)EACH_LANE(PREFILTER_X, attributes), (reals)EACH_LANE(PREFILTER_Y, attributes),
+                          (reals)EACH_LANE(CENTER_Z, records)};
+    small_boxes(t, attributes, place, num, &s, &p, &b, r);
+    return;
+  }
+  const counted_boxes c = count_boxes(&b);
+  for (int lane = 0; lane < num; ++lane)
+    large_box(t, attributes + place[lane], records + place[lane], WHOLE_OF(c.first, lane), WHOLE_OF(c.across, lane),
+              WHOLE_OF(c.down, lane), r);
+}
 
 kernel void attributes(constant View *view, global const ProjectedSplat *records,
-                       global const SplatAttributes *splat_attributes, global const int *tile_begin,
-                       const int first_tile, const int tiles_x, const real epsilon, const int along_ray,
-                       const real falloff, const real inverse_radius2, constant real *table, const int table_size,
-                       global const real *depth, global real *weight_sum, global real *color_sum,
-                       global real *normal_sum, global real *depth_sum, global uint *count)
+                       global const SplatAttributes *splat_attributes, global const uint2 *boxes,
+                       global const real *near_z,
+                       global const int *tile_begin, const int first_tile, const int tiles_x, const real epsilon,
+                       const int along_ray, const real falloff, const real inverse_radius2, constant real *table,
+                       const int table_size, global const real *depth, global real *weight_sum,
+                       global real *color_sum, global real *normal_sum, global real *depth_sum, global uint *count)
 {
   const region w = region_of(get_global_id(0), first_tile, tiles_x);
   const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
   const int width = view->width, height = view->height;
-  const real near = view->near, far = view->far;
-  sums region_sums[BLOCKS];
-  reals farthest[BLOCKS];
-  for (int b = 0; b < BLOCKS; ++b) {
-    region_sums[b] = (sums){0};
-    for (int lane = 0; lane < LANES; ++lane) {
-      const int x = w.x + b % BLOCKS_X * BLOCK_X + lane % BLOCK_X;
-      const int y = w.y + b / BLOCKS_X * BLOCK_Y + lane / BLOCK_X;
-      ((real *)farthest)[b * LANES + lane] =
-          x < width && y < height
-              ? farthest_accepted(view, x, y, depth[(long)y * width + x], epsilon, along_ray)
-              : R(0.0);
-    }
+  const rules r = {view->near, view->far, falloff, inverse_radius2, table, table_size, w.x, w.y};
+  target t;
+  real farthest = -(real)INFINITY;
+  for (int p = 0; p < REACHED_PIXELS; ++p) t.farthest[p] = -(real)INFINITY;
+  for (int p = 0; p < REGION_PIXELS; ++p) {
+    t.sums[p] = (real8)R(0.0);
+    t.count[p] = 0;
   }
-  for (int i = begin; i < end; ++i) {
-    const ProjectedSplat s = records[i];
-    const SplatAttributes a = splat_attributes[i];
-    const block_range r = blocks_of(&s, &w);
-    for (int by = r.y_first; by <= r.y_last; ++by)
-      for (int bx = r.x_first; bx <= r.x_last; ++bx) {
-        const hit h = intersect(&s, w.x + bx * BLOCK_X, w.y + by * BLOCK_Y);
-        const fragment f = filter(&s, &a, &h, near, far, inverse_radius2);
-        const int b = by * BLOCKS_X + bx;
-        const masks accepted = f.exists & MASK(f.z <= farthest[b]);
-        if (!ANY(accepted)) continue;
-        accumulate(&region_sums[b], &a, &f, accepted, weight_of(f.r2, falloff, table, table_size));
+  for (int y = 0; y < least(REGION, height - w.y); ++y)
+    for (int x = 0; x < least(REGION, width - w.x); x += LANES) {
+      reals z, columns;
+      const int num = least(LANES, least(REGION, width - w.x) - x);
+      for (int lane = 0; lane < LANES; ++lane) {
+        ((real *)&columns)[lane] = (real)(w.x + x + lane);
+        ((real *)&z)[lane] = depth[(long)(w.y + y) * width + w.x + x + least(lane, num - 1)];
       }
-  }
-  for (int b = 0; b < BLOCKS; ++b)
-    for (int lane = 0; lane < LANES; ++lane) {
-      const int x = w.x + b % BLOCKS_X * BLOCK_X + lane % BLOCK_X;
-      const int y = w.y + b / BLOCKS_X * BLOCK_Y + lane / BLOCK_X;
-      if (x >= width || y >= height) continue;
-      const long p = (long)y * width + x;
-      const sums *t = &region_sums[b];
-      weight_sum[p] = LANE(t->weight);
-      color_sum[3 * p] = LANE(t->red);
-      color_sum[3 * p + 1] = LANE(t->green);
-      color_sum[3 * p + 2] = LANE(t->blue);
-      normal_sum[3 * p] = LANE(t->normal_x);
-      normal_sum[3 * p + 1] = LANE(t->normal_y);
-      normal_sum[3 * p + 2] = LANE(t->normal_z);
-      depth_sum[p] = LANE(t->z);
-      count[p] = ((const uint *)&t->count)[lane];
+      const reals f = farthest_accepted(view, columns, (reals)(real)(w.y + y), z, epsilon, along_ray);
+      for (int lane = 0; lane < num; ++lane) {
+        t.farthest[y * REGION + x + lane] = LANE_OF(f, lane);
+        farthest = LANE_OF(f, lane) > farthest ? LANE_OF(f, lane) : farthest;
+      }
     }
+  int place[QUEUE + LANES];
+  int num = 0;
+  for (int i = begin; i < end; i += QUEUE) {
+    num = append_near(near_z, i, least(i + QUEUE, end), farthest, place, num);
+    int done = 0;
+    for (; done + LANES <= num; done += LANES) batch(&t, records, splat_attributes, boxes, place + done, LANES, &w, &r);
+    num = keep_rest(place, done, num);
+  }
+  if (num) {
+    for (int lane = num; lane < LANES; ++lane) place[lane] = place[0];
+    batch(&t, records, splat_attributes, boxes, place, num, &w, &r);
+  }
+  for (int p = 0; p < REGION_PIXELS; ++p) {
+    const int x = w.x + p % REGION, y = w.y + p / REGION;
+    if (x >= width || y >= height) continue;
+    const long q = (long)y * width + x;
+    const real8 s = t.sums[p];
+    weight_sum[q] = s.SUM_WEIGHT;
+    color_sum[3 * q] = s.s0;
+    color_sum[3 * q + 1] = s.s1;
+    color_sum[3 * q + 2] = s.s2;
+    normal_sum[3 * q] = s.s3;
+    normal_sum[3 * q + 1] = s.s4;
+    normal_sum[3 * q + 2] = s.s5;
+    depth_sum[q] = s.SUM_Z;
+    count[q] = t.count[p];
+  }
 }

@@ -1,47 +1,212 @@
-// Bin: a stable counting sort of the projected splats by tile, without atomics. Chunks are in splat order, so
-// within each tile's run the records are too: sums are taken in increasing splat index.
+// Bin: the splats that may touch each tile of the image, in splat order. A stable counting sort without atomics: each
+// chunk of consecutive splats counts its own, and writes where the chunks before it end.
+// Bounds are generous and cheap: a box about the disc in eye space, in plain precision, and all that could go wrong
+// added. The exact ones, by which pixels are chosen, are those of project.cl.
 
-// Splats of each tile, over all chunks.
-kernel void bin_totals(global const int *tile_counts, global int *totals, const int num_chunks, const int num_tiles)
+#include "arithmetic.h"
+
+#define FACING_SLACK R(1.52587890625e-5)  // of |t_u||t_v||c|: ten times what can be wrong with the sign of g.c
+#define CENTER_SLACK R(4.7683716e-7)      // of the products that a centre's coordinate is a sum of
+#define TILT_SLACK R(0.032)               // of the larger side: half of project.cl's SLACK_TILT for the steepest disc drawn
+#define NEAR_SLACK R(1.1e-5)              // of the distance from the principal point: what project.cl gives a disc cut at near
+#define PIXEL_SLACK R(0.03125)
+#define CULL 2
+
+// LANES numbers from i on, a multiple of LANES, of each plane of a structure-of-arrays buffer.
+static inline reals3 load3(global const real *planes, int stride, int i)
+{
+  global const reals *x = (global const reals *)planes + i / LANES;
+  reals3 v = {x[0], x[stride / LANES], x[2 * (long)(stride / LANES)]};
+  return v;
+}
+
+static inline reals3 rotate(constant View *view, reals3 v)
+{
+  reals3 r = {(view->r00_hi * v.x + view->r01_hi * v.y) + view->r02_hi * v.z,
+              (view->r10_hi * v.x + view->r11_hi * v.y) + view->r12_hi * v.z,
+              (view->r20_hi * v.x + view->r21_hi * v.y) + view->r22_hi * v.z};
+  return r;
+}
+
+static inline reals length1(reals3 v) { return magnitude(v.x) + magnitude(v.y) + magnitude(v.z); }
+
+// Along one axis, pixels that LANES splats may touch, ends included; none where first > last.
+typedef struct {
+  reals first, last;
+} range;
+
+// What is known of the centres in eye space, and how far wrong it may be.
+typedef struct {
+  reals3 center;
+  reals error, z_low, z_high;
+  masks filtered;  // the pre-filter may show it
+  real around;     // radius of the pre-filter, pixels
+} places;
+
+// Where a disc within `reach` of `center` lies, from the principal point.
+static inline range disc_pixels(const places *s, reals center, reals reach, real focal)
+{
+  range r = {(center - reach - s->error) * focal, (center + reach + s->error) * focal};
+#if !ORTHOGRAPHIC
+  r.first = divide(r.first, SELECT(s->z_low, s->z_high, MASK(r.first > R(0.0))));
+  r.last = divide(r.last, SELECT(s->z_high, s->z_low, MASK(r.last > R(0.0))));
+#endif
+  return r;
+}
+
+// Pixels of a disc, with `slack` for its tilt, and of its pre-filter.
+static inline range pixels(const places *s, range disc, reals slack, reals center, real focal, real principal)
+{
+  reals middle = center * focal, off = s->error * focal;
+#if !ORTHOGRAPHIC
+  const reals inverse = divide(R(1.0), s->center.z);
+  middle = middle * inverse;
+  off = (off + magnitude(middle) * s->error) * inverse * R(1.5);
+#endif
+  const reals rounding = (magnitude(disc.first) + magnitude(disc.last)) * NEAR_SLACK +
+                         (magnitude((reals)principal) * CENTER_SLACK + PIXEL_SLACK);
+  off = off + (s->around + rounding);
+  const reals low = disc.first - (slack + rounding), high = disc.last + (slack + rounding);
+  range r = {SELECT(low, at_most(low, middle - off), s->filtered) + principal,
+             SELECT(high, at_least(high, middle + off), s->filtered) + principal};
+  return r;
+}
+
+// The whole pixels of a range, of an image `size` pixels large.
+static inline range whole(range r, real size)
+{
+  range p = {round_up(at_most(at_least(r.first, R(-1.0)), size)), round_down(at_least(at_most(r.last, size), R(-1.0)))};
+  p.first = at_least(p.first, R(0.0));
+  p.last = at_most(p.last, size - R(1.0));
+  return p;
+}
+
+// Splats that the camera surely sees from behind.
+static inline masks surely_away(reals3 tu, reals3 tv, reals3 c, reals error)
+{
+  const reals3 g = cross3(tu, tv);
+  const reals size = length1(tu) * length1(tv);
+  if (ORTHOGRAPHIC) return MASK(g.z > size * FACING_SLACK);
+  return MASK(dot3(g, c) > size * (length1(c) * FACING_SLACK + error * R(2.0)));
+}
+
+typedef struct {
+  range x, y;
+} touched;
+
+// `alive`, in and out: which of the splats are asked for, and which may touch a pixel.
+static inline touched touched_by(constant View *view, reals3 world, reals3 tu_world, reals3 tv_world, masks *alive)
+{
+  const reals3 turned = rotate(view, world), tu = rotate(view, tu_world), tv = rotate(view, tv_world);
+  const reals3 c = {turned.x + view->t0_hi, turned.y + view->t1_hi, turned.z + view->t2_hi};
+  const reals error = (length1(world) + view->reach) * CENTER_SLACK;
+  touched t = {{R(1.0), R(0.0)}, {R(1.0), R(0.0)}};
+  if (view->facing == CULL) *alive &= ~surely_away(tu, tv, c, error);
+  const reals deep = square_root(tu.z * tu.z + tv.z * tv.z) * R(1.00001) + error;
+  const reals near = view->near - magnitude_of(view->near) * R(1e-4);
+  *alive &= MASK(c.z + deep >= near) & MASK(c.z - deep <= view->far + magnitude_of(view->far) * R(1e-4));
+  if (!ANY(*alive)) return t;
+  const masks in_front = MASK(c.z + error >= near);
+  places s = {c, error, c.z - deep, c.z + deep, in_front, view->prefilter_radius};
+  if (!view->prefilter) s.filtered = 0;
+  reals wide = square_root(tu.x * tu.x + tv.x * tv.x), high = square_root(tu.y * tu.y + tv.y * tv.y);
+#if !ORTHOGRAPHIC
+  // Only a disc that comes nearer to the eye plane than that is cut at near (project.cl, CLEAR).
+  const reals shallowest = SELECT(near, at_most(c.z * R(5e-5), near), in_front);
+  s.z_low = SELECT(shallowest, s.z_low, MASK(s.z_low > shallowest));
+#endif
+  range x = disc_pixels(&s, c.x, wide, view->fx_hi), y = disc_pixels(&s, c.y, high, view->fy_hi);
+  const reals slack = at_least(x.last - x.first, y.last - y.first) * TILT_SLACK;
+  x = pixels(&s, x, slack, c.x, view->fx_hi, view->cx_hi);
+  y = pixels(&s, y, slack, c.y, view->fy_hi, view->cy_hi);
+  if (view->prefilter_at_bounds) {  // its centre may be anywhere in them
+    const reals around = (reals)(view->prefilter_radius + PIXEL_SLACK);
+    x = (range){x.first - around, x.last + around};
+    y = (range){y.first - around, y.last + around};
+  }
+#if !ORTHOGRAPHIC
+  // Near the eye plane, or so large that the exact bounds overflow.
+  const reals extent = (wide + high + deep) * length1(c) * R(4.0);
+  const masks anywhere = (in_front & MASK(c.z < error * R(4.0))) | ~MASK(extent * extent < (real)INFINITY);
+  x = (range){SELECT(x.first, R(0.0), anywhere), SELECT(x.last, (real)view->width, anywhere)};
+  y = (range){SELECT(y.first, R(0.0), anywhere), SELECT(y.last, (real)view->height, anywhere)};
+#endif
+  t.x = whole(x, (real)view->width);
+  t.y = whole(y, (real)view->height);
+  *alive &= MASK(t.x.first <= t.x.last) & MASK(t.y.first <= t.y.last);
+  return t;
+}
+
+#define TILE_SHIFT (TILE == 8 ? 3 : TILE == 16 ? 4 : TILE == 32 ? 5 : 6)
+#define LANE(values) ((const bits *)&(values))[lane]
+
+// Column and row of the tiles of pixels, 16 bits each, as TouchedTiles has them.
+static inline masks tile_pair(reals x, reals y)
+{
+  return (whole_of(x) >> (bits)TILE_SHIFT) | ((whole_of(y) >> (bits)TILE_SHIFT) << (bits)16);
+}
+
+// List each chunk's splats that may touch the image, with the tiles; count them for each tile.
+kernel void bin_count(constant View *view, global const real *center, global const real *tangent_u,
+                      global const real *tangent_v, const int num_splats, const int stride, const int spread, const int chunk_size,
+                      const int tiles_x, const int num_tiles, global TouchedTiles *lists, global int *num_listed,
+                      global int *tile_counts)
+{
+  const int chunk = get_global_id(0) * spread % get_global_size(0);
+  const int begin = chunk * chunk_size, end = least(begin + chunk_size, num_splats);
+  global int *counts = tile_counts + (long)chunk * num_tiles;
+  for (int tile = 0; tile < num_tiles; ++tile) counts[tile] = 0;
+  int place = begin;
+  for (int i = begin; i < end; i += LANES) {
+    masks alive = (masks)-1;
+    const touched t =
+        touched_by(view, load3(center, stride, i), load3(tangent_u, stride, i), load3(tangent_v, stride, i), &alive);
+    if (!ANY(alive)) continue;
+    const masks first = tile_pair(t.x.first, t.y.first), last = tile_pair(t.x.last, t.y.last);
+    const int listed = place;
+    for (int lane = 0; lane < least(LANES, end - i); ++lane) {
+      global int *l = (global int *)(lists + place);
+      l[0] = i + lane;
+      l[1] = LANE(first);
+      l[2] = LANE(last);
+      place -= LANE(alive);
+    }
+    for (int k = listed; k < place; ++k) {
+      const TouchedTiles l = lists[k];
+      for (int y = l.y_first; y <= l.y_last; ++y)
+        for (int x = l.x_first; x <= l.x_last; ++x) ++counts[y * tiles_x + x];
+    }
+  }
+  num_listed[chunk] = place - begin;
+}
+
+// Turn each tile's counts into the place, within its list, where each chunk begins; and give the list's length.
+kernel void bin_offsets(global int *tile_counts, global int *totals, const int num_chunks, const int num_tiles)
 {
   const int tile = get_global_id(0);
   int total = 0;
-  for (int chunk = 0; chunk < num_chunks; ++chunk) total += tile_counts[(long)chunk * num_tiles + tile];
+  for (int chunk = 0; chunk < num_chunks; ++chunk) {
+    const int count = tile_counts[(long)chunk * num_tiles + tile];
+    tile_counts[(long)chunk * num_tiles + tile] = total;
+    total += count;
+  }
   totals[tile] = total;
 }
 
-// Turn counts into the place where each chunk writes its first record of each tile of a band of tiles.
-kernel void bin_offsets(global int *tile_counts, global const int *tile_begin, const int num_chunks,
-                        const int num_tiles, const int first_tile)
+// Write the lists of the tiles [first_tile, last_tile).
+kernel void bin_scatter(global const TouchedTiles *lists, global const int *num_listed, const int spread, const int chunk_size,
+                        global int *tile_offsets, global const int *tile_begin, global int *ids, const int tiles_x,
+                        const int num_tiles, const int first_tile, const int last_tile)
 {
-  const int tile = first_tile + get_global_id(0);
-  int offset = tile_begin[get_global_id(0)];
-  for (int chunk = 0; chunk < num_chunks; ++chunk) {
-    const int count = tile_counts[(long)chunk * num_tiles + tile];
-    tile_counts[(long)chunk * num_tiles + tile] = offset;
-    offset += count;
-  }
-}
-
-// Copy each record into the runs of the tiles [first_tile, last_tile) that it touches.
-kernel void bin_scatter(global const ProjectedSplat *records, global const SplatAttributes *attributes,
-                        global const int *num_survivors, const int chunk_size, global int *tile_offsets,
-                        global ProjectedSplat *run_records, global SplatAttributes *run_attributes,
-                        const int tiles_x, const int num_tiles, const int first_tile, const int last_tile)
-{
-  const int chunk = get_global_id(0);
-  const int begin = chunk * chunk_size, end = begin + num_survivors[chunk];
+  const int chunk = get_global_id(0) * spread % get_global_size(0);
+  const int begin = chunk * chunk_size, end = begin + num_listed[chunk];
   global int *offsets = tile_offsets + (long)chunk * num_tiles;
   for (int i = begin; i < end; ++i) {
-    const ProjectedSplat record = records[i];
-    const SplatAttributes attribute = attributes[i];
-    for (int ty = record.y_min / TILE; ty <= record.y_max / TILE; ++ty)
-      for (int tx = record.x_min / TILE; tx <= record.x_max / TILE; ++tx) {
-        const int tile = ty * tiles_x + tx;
-        if (tile < first_tile || tile >= last_tile) continue;
-        const int place = offsets[tile]++;
-        run_records[place] = record;
-        run_attributes[place] = attribute;
+    const TouchedTiles l = lists[i];
+    for (int y = l.y_first; y <= l.y_last; ++y)
+      for (int x = l.x_first; x <= l.x_last; ++x) {
+        const int tile = y * tiles_x + x;
+        if (tile >= first_tile && tile < last_tile) ids[tile_begin[tile - first_tile] + offsets[tile]++] = l.id;
       }
   }
 }

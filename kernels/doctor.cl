@@ -54,17 +54,14 @@ static inline void decisions(reals a, reals b, reals c, reals d, global bits *re
 
 static inline void bit_patterns(reals a, reals b, global bits *results, int count, int i)
 {
-  const uints truths = (uints)UINT_MASK(MASK(a < b));
-  masks to_int, uint_mask;
+  masks to_int;
   reals from_bits;
   for (int lane = 0; lane < LANES; ++lane) {
     ((bits *)&to_int)[lane] = (int)((const real *)&a)[lane];
     ((real *)&from_bits)[lane] = (real)((const bits *)&b)[lane];
-    ((bits *)&uint_mask)[lane] = ((const uint *)&truths)[lane];
   }
   RESULT_BITS(to_int, to_int);
   RESULT(from_bits, from_bits);
-  RESULT_BITS(uint_mask, uint_mask);
   RESULT_BITS(shift_right, AS_BITS(a) >> (bits)MANTISSA);
   RESULT_BITS(shift_left, AS_BITS(a) << (bits)8);
   RESULT_BITS(bit_difference, AS_BITS(a) - AS_BITS(b));

@@ -1,10 +1,18 @@
-// One splat's fragment at one block of pixels, and what accumulating it adds: written once, used by the attribute
-// pass and by whatever explains or checks it. Needs arithmetic.h, ray.h and splat.h.
+// Fragments: where the pre-filter and the disc put a splat at a pixel, how deep, and how far from its centre. Written
+// once, used by the attribute pass and by whatever explains or checks it. Needs arithmetic.h, ray.h, splat.h, transpose.h and the
+// build option PREFILTER.
 
+// What the pre-filter knows of LANES splats, or of one of them LANES times.
 typedef struct {
-  reals weight, red, green, blue, normal_x, normal_y, normal_z, z;
-  uints count;
-} sums;
+  reals x, y;  // its centre from the reference point, pixels
+  reals center_z;
+} prefilters;
+
+static inline prefilters prefilter_of(const ProjectedSplat *s, const SplatAttributes *a)
+{
+  prefilters p = {a->prefilter_x, a->prefilter_y, s->center_z};
+  return p;
+}
 
 typedef struct {
   reals r2, z;
@@ -12,14 +20,14 @@ typedef struct {
 } fragment;
 
 // r2^2, whatever the setting of the pre-filter.
-static inline reals screen_radius2(const SplatAttributes *a, const hit *h, real inverse_radius2)
+static inline reals screen_radius2(const prefilters *p, const hit *h, real inverse_radius2)
 {
-  const reals x = h->dx - a->prefilter_x, y = h->dy - a->prefilter_y;
+  const reals x = h->dx - p->x, y = h->dy - p->y;
   return (x * x + y * y) * inverse_radius2;
 }
 
 // r^2 = min(r3^2, r2^2); where only the pre-filter accepts, the depth is the centre's.
-static inline fragment filter(const ProjectedSplat *s, const SplatAttributes *a, const hit *h, real near, real far,
+static inline fragment filter(const discs *s, const prefilters *p, const hit *h, real near, real far,
                               real inverse_radius2)
 {
   fragment f;
@@ -28,32 +36,36 @@ static inline fragment filter(const ProjectedSplat *s, const SplatAttributes *a,
   f.exists = h->inside & MASK(f.z >= near) & MASK(f.z <= far);
   f.r2 = at_most(h->numerator * (inverse_den * inverse_den), R(1.0));
 #if PREFILTER
-  const reals screen_r2 = screen_radius2(a, h, inverse_radius2);
+  const reals screen_r2 = screen_radius2(p, h, inverse_radius2);
   f.r2 = SELECT(screen_r2, f.r2, f.exists & MASK(f.r2 < screen_r2));
-  f.z = SELECT(a->center_z, f.z, f.exists);
+  f.z = SELECT(p->center_z, f.z, f.exists);
   f.exists |= MASK(screen_r2 <= R(1.0));
 #endif
   return f;
 }
 
-static inline void accumulate(sums *t, const SplatAttributes *a, const fragment *f, masks accepted, reals weight)
-{
-  weight = SELECT(R(0.0), weight, accepted);  // adding zero leaves a sum's bits as they are
-  t->weight += weight;
-  t->red += weight * a->red;
-  t->green += weight * a->green;
-  t->blue += weight * a->blue;
-  t->normal_x += weight * a->normal_x;
-  t->normal_y += weight * a->normal_y;
-  t->normal_z += weight * a->normal_z;
-  t->z += weight * SELECT(R(0.0), f->z, accepted);
-  t->count -= UINT_MASK(accepted);
-}
-
 // depth(p) + epsilon; epsilon along a perspective ray is shorter along z.
-static inline real farthest_accepted(constant View *view, int x, int y, real depth, real epsilon, int along_ray)
+static inline reals farthest_accepted(constant View *view, reals x, reals y, reals depth, real epsilon, int along_ray)
 {
   if (ORTHOGRAPHIC || !along_ray) return depth + epsilon;
-  const real dx = ray_x(view, x), dy = ray_y(view, y);
-  return depth + divide_real(epsilon, square_root_real((dx * dx + dy * dy) + R(1.0)));
+  const reals dx = ray_x(view, x), dy = ray_y(view, y);
+  return depth + divide(epsilon, square_root((dx * dx + dy * dy) + R(1.0)));
+}
+
+// Sums of one pixel's fragments: weight times red, green, blue, normal_x, normal_y, normal_z, one and z.
+#define SUM_WEIGHT s6
+#define SUM_Z s7
+
+// What weights multiply; the depth differs by fragment. (By pointers, as eight doubles are no argument of a function.)
+static inline void load_attributes(real8 *values, global const SplatAttributes *a)
+{
+  *values = ((global const unaligned8 *)a)->values;  // the first six are the colour and the normal
+  values->SUM_WEIGHT = R(1.0);
+}
+
+static inline void accumulate(real8 *sums, const real8 *attributes, real weight, real z)
+{
+  real8 values = *attributes;
+  values.SUM_Z = z;
+  *sums = *sums + weight * values;
 }

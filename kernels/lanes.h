@@ -28,3 +28,8 @@
    item(12, field), item(13, field), item(14, field), item(15, field))
 #endif
 #define BLOCK_Y (LANES / BLOCK_X)
+
+// Pixels of LANES boxes, ends included; none where x_first > x_last or y_first > y_last.
+typedef struct {
+  reals x_first, x_last, y_first, y_last;
+} boxes;

@@ -92,7 +92,6 @@ typedef struct {
   reals inside, z;
 } scales;
 
-INLINE real magnitude_of(real x) { return x < R(0.0) ? -x : x; }
 
 INLINE scales scales_of(constant View *view, global const NearbySplat *s, const block *b, const meeting *m,
                                real offset_error)

@@ -9,13 +9,15 @@ static inline reals3 shade_surface(const Surface *s, constant Shading *shading, 
     const reals3 tint = {lights[i].red, lights[i].green, lights[i].blue};
     const reals3 place = {lights[i].x, lights[i].y, lights[i].z};
     const reals3 to_light = normalize3(lights[i].is_point > R(0.0) ? add3(place, scale3(s->position, R(-1.0))) : place);
-    const real n_l = dot3(s->normal, to_light);
-    if (!(n_l > R(0.0))) continue;
+    const reals n_l = dot3(s->normal, to_light);
+    const masks lit = MASK(n_l > R(0.0));
+    if (!ANY(lit)) continue;
     const reals3 diffuse = scale3(tint, n_l * shading->diffuse);
-    color = add3(color, (reals3){diffuse.x * s->albedo.x, diffuse.y * s->albedo.y, diffuse.z * s->albedo.z});
+    reals3 sum = add3(color, (reals3){diffuse.x * s->albedo.x, diffuse.y * s->albedo.y, diffuse.z * s->albedo.z});
     const reals3 mirrored = add3(scale3(s->normal, R(2.0) * n_l), scale3(to_light, R(-1.0)));
-    const real r_v = dot3(mirrored, s->to_eye);
-    color = add3(color, scale3(tint, shading->specular * power(r_v < R(1.0) ? r_v : R(1.0), shading->shininess)));
+    const reals shine = power(at_most(dot3(mirrored, s->to_eye), R(1.0)), shading->shininess);
+    sum = add3(sum, scale3(tint, shading->specular * shine));
+    color = select3(color, sum, lit);
   }
   return color;
 }

@@ -1,9 +1,11 @@
-// Project: splats -> the records that the raster passes stream, and how many each chunk puts into each tile.
+// Project: the splats of the tile lists -> the records that the raster passes stream, one for each entry.
 // Centres may have a low word (CENTER_LOW 1: float64 input in single precision).
-// A work-item takes one chunk of splats, LANES at a time, and writes the survivors compactly and in order.
+// A work-item takes ENTRIES entries, LANES at a time.
 
 #include "arithmetic.h"
 #include "eye.h"
+#include "lanes.h"
+#include "transpose.h"
 
 // Coverage is decided per pixel (splat.h); bounds only have to be safe. SLACK_PIXELS covers the rounding of the
 // pixel offsets, the relative terms that of the coefficients, which grows with 1/cos(tilt).
@@ -19,22 +21,6 @@
 #define KEEP 0
 #define FLIP 1
 #define CULL 2
-
-// LANES numbers of one plane of a structure-of-arrays buffer.
-static inline reals load(global const real *plane, int i)
-{
-#if LANES == 1
-  return plane[i];
-#else
-  return PASTE(vload, LANES)(0, plane + i);
-#endif
-}
-
-static inline reals3 load3(global const real *planes, int stride, int i)
-{
-  reals3 v = {load(planes, i), load(planes + stride, i), load(planes + 2 * (long)stride, i)};
-  return v;
-}
 
 // How far the disc reaches from its projected centre along one image axis, in pixels: [middle - reach, middle + reach].
 // The tangents to the projected conic, relative to the centre so that nothing cancels.
@@ -67,13 +53,14 @@ typedef struct {
   reals pixel_x, pixel_y, offset_x, offset_y;
   reals u_x, u_y, u_1, v_x, v_y, v_1, g_x, g_y, z;
   reals normal_x, normal_y, normal_z, prefilter_x, prefilter_y, center_z;
-  reals x_low, x_high, y_low, y_high;  // raster bounds relative to the pixel grid, clamped to the image
-  masks visible;
+  boxes disc, drawn;  // the pixels of the disc, and those of the pre-filter as well
+  reals near_z;       // no fragment is nearer
 } projected;
 
 static inline reals3 oriented_normal(constant View *view, reals3 g, reals3 center, reals *facing_dot)
 {
-  reals3 n = scale3(g, divide(R(1.0), square_root(dot3(g, g))));
+  const reals length2 = dot3(g, g);  // 0 where rounding makes nearly parallel tangents parallel
+  reals3 n = scale3(g, SELECT(R(0.0), divide(R(1.0), square_root(length2)), MASK(length2 > R(0.0))));
   *facing_dot = ORTHOGRAPHIC ? n.z : dot3(n, center);
   masks away = MASK(*facing_dot >= R(0.0)) & (masks)(view->facing == FLIP ? -1 : 0);
   reals3 flipped = {SELECT(n.x, -n.x, away), SELECT(n.y, -n.y, away), SELECT(n.z, -n.z, away)};
@@ -132,6 +119,56 @@ static inline void reference(twofloat point, twofloat z, twofloat focal, twofloa
   twofloat raster = two_add(two_multiply(focal, image), principal);  // principal is given from pixel 0's centre
   *pixel = round_even(raster.hi);
   *offset = (raster.hi - *pixel) + raster.lo;
+}
+
+// Bounds relative to the reference point, pixels; low > high where there is nothing.
+typedef struct {
+  reals x_low, x_high, y_low, y_high;
+} bounds;
+
+static inline bounds bounds_of(extent x, extent y, reals slack, masks visible)
+{
+  bounds b = {SELECT(NOWHERE, x.middle - x.reach - slack, visible), SELECT(-NOWHERE, x.middle + x.reach + slack, visible),
+              SELECT(NOWHERE, y.middle - y.reach - slack, visible), SELECT(-NOWHERE, y.middle + y.reach + slack, visible)};
+  return b;
+}
+
+static inline bounds around_both(bounds a, bounds b)
+{
+  bounds c = {at_most(a.x_low, b.x_low), at_least(a.x_high, b.x_high), at_most(a.y_low, b.y_low),
+              at_least(a.y_high, b.y_high)};
+  return c;
+}
+
+// The image's pixels whose centres lie within bounds.
+static inline boxes pixels_of(constant View *view, const projected *s, const bounds *b)
+{
+  // A reference point far outside the image rounds coarsely.
+  const reals coarse_x = magnitude(s->pixel_x) * R(2.4e-7), coarse_y = magnitude(s->pixel_y) * R(2.4e-7);
+  const reals right = (reals)(real)view->width, bottom = (reals)(real)view->height;
+  boxes p = {round_up(at_most(at_least(s->pixel_x + (s->offset_x + b->x_low - coarse_x), R(0.0)), right)),
+             round_down(at_least(at_most(s->pixel_x + (s->offset_x + b->x_high + coarse_x), right - R(1.0)), R(-1.0))),
+             round_up(at_most(at_least(s->pixel_y + (s->offset_y + b->y_low - coarse_y), R(0.0)), bottom)),
+             round_down(at_least(at_most(s->pixel_y + (s->offset_y + b->y_high + coarse_y), bottom - R(1.0)), R(-1.0)))};
+  // A reference point that is no number is near every pixel, but bounds may say that there is nothing.
+  const masks none = MASK(b->x_low > b->x_high) | MASK(p.x_first > p.x_last) | MASK(p.y_first > p.y_last);
+  p.x_first = SELECT(p.x_first, R(1.0), none);
+  p.x_last = SELECT(p.x_last, R(0.0), none);
+  return p;
+}
+
+// The least depth that hit_depth (splat.h) has at the pixels of `drawn`. Each of its roundings keeps order, and so it is
+// at a corner, to the bit: no slack could be sure where tangents are nearly parallel.
+static inline reals least_depth(const projected *s)
+{
+  const reals left = (s->drawn.x_first - s->pixel_x) - s->offset_x, right = (s->drawn.x_last - s->pixel_x) - s->offset_x;
+  const reals top = (s->drawn.y_first - s->pixel_y) - s->offset_y, bottom = (s->drawn.y_last - s->pixel_y) - s->offset_y;
+#if ORTHOGRAPHIC
+  return (at_most(s->g_x * left, s->g_x * right) + at_most(s->g_y * top, s->g_y * bottom)) + s->z;
+#else
+  const reals den = (at_least(s->g_x * left, s->g_x * right) + at_least(s->g_y * top, s->g_y * bottom)) + R(1.0);
+  return divide(R(1.0), den) * s->z;
+#endif
 }
 
 static inline projected project_splats(constant View *view, reals3 world, reals3 world_low, reals3 tu_world, reals3 tv_world)
@@ -219,12 +256,12 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   }
 #endif
   reals size = SELECT(ey.reach, ex.reach, MASK(ex.reach > ey.reach));
-  reals slack = size * (SLACK_SIZE + SLACK_TILT * divide(distance, magnitude(facing_dot))) + SLACK_PIXELS;
-  masks hittable = ~edge_on & MASK(c.z + reach >= view->near * R(0.99999)) & MASK(c.z - reach <= view->far * R(1.00001));
-  reals x_low = SELECT(NOWHERE, ex.middle - ex.reach - slack, hittable);
-  reals x_high = SELECT(-NOWHERE, ex.middle + ex.reach + slack, hittable);
-  reals y_low = SELECT(NOWHERE, ey.middle - ey.reach - slack, hittable);
-  reals y_high = SELECT(-NOWHERE, ey.middle + ey.reach + slack, hittable);
+  const reals lean = divide(distance, magnitude(facing_dot));  // 1 / cos(tilt)
+  reals slack = size * (SLACK_SIZE + SLACK_TILT * lean) + SLACK_PIXELS;
+  const real near = view->near - magnitude_of(view->near) * R(1e-5), far = view->far + magnitude_of(view->far) * R(1e-5);
+  masks hittable = ~edge_on & MASK(c.z + reach >= near) & MASK(c.z - reach <= far);
+  const bounds disc = bounds_of(ex, ey, slack, hittable & ~culled);
+  s.disc = pixels_of(view, &s, &disc);
 
   // The pre-filter's disc around the projected centre, or around the centre of those bounds.
   masks at_bounds = (masks)(view->prefilter_at_bounds ? -1 : 0);
@@ -232,59 +269,98 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   filtered = filtered & (masks)(view->prefilter ? -1 : 0);
   s.prefilter_x = SELECT(center_x, ex.middle, at_bounds);
   s.prefilter_y = SELECT(center_y, ey.middle, at_bounds);
-  reals radius = SELECT(-R(2.0) * NOWHERE, (reals)(view->prefilter_radius + SLACK_PIXELS), filtered);
-  x_low = at_most(x_low, s.prefilter_x - radius);
-  x_high = at_least(x_high, s.prefilter_x + radius);
-  y_low = at_most(y_low, s.prefilter_y - radius);
-  y_high = at_least(y_high, s.prefilter_y + radius);
+  const extent filter_x = {s.prefilter_x, view->prefilter_radius}, filter_y = {s.prefilter_y, view->prefilter_radius};
+  const bounds drawn = around_both(disc, bounds_of(filter_x, filter_y, SLACK_PIXELS, filtered & ~culled));
+  s.drawn = pixels_of(view, &s, &drawn);
   s.prefilter_x = SELECT(NOWHERE, s.prefilter_x, filtered);
   s.prefilter_y = SELECT(NOWHERE, s.prefilter_y, filtered);
 
-  // To pixels; a reference far outside the image rounds coarsely.
-  reals coarse_x = magnitude(s.pixel_x) * R(2.4e-7), coarse_y = magnitude(s.pixel_y) * R(2.4e-7);
-  reals right = (reals)(real)view->width, bottom = (reals)(real)view->height;
-  s.x_low = at_most(at_least(s.pixel_x + (s.offset_x + x_low - coarse_x), R(0.0)), right);
-  s.y_low = at_most(at_least(s.pixel_y + (s.offset_y + y_low - coarse_y), R(0.0)), bottom);
-  s.x_high = at_least(at_most(s.pixel_x + (s.offset_x + x_high + coarse_x), right - R(1.0)), R(-1.0));
-  s.y_high = at_least(at_most(s.pixel_y + (s.offset_y + y_high + coarse_y), bottom - R(1.0)), R(-1.0));
-  s.visible = ~culled & (hittable | filtered) & MASK(s.x_low <= s.x_high) & MASK(s.y_low <= s.y_high);
+  s.near_z = at_least(least_depth(&s), view->near);
+  s.near_z = SELECT(s.near_z, at_most(s.near_z, c.z), filtered);  // where only the pre-filter accepts
   return s;
 }
 
-#define LANE(name) (((const real *)&s.name)[lane])
+// Two words of a box, as records have them: x_min and y_min, x_max and y_max, 16 bits each.
+typedef struct {
+  masks low, high;
+} box_words;
 
-kernel void project(constant View *view, global const real *center, global const real *center_low,
-                    global const real *tangent_u, global const real *tangent_v, global const real *color,
-                    const int num_splats, const int stride, const int chunk_size, global ProjectedSplat *records,
-                    global SplatAttributes *attributes, global int *num_survivors, global int *tile_counts,
-                    const int tiles_x, const int num_tiles)
+static inline box_words words_of(const boxes *b)
 {
-  const int chunk = get_global_id(0);
-  const int begin = chunk * chunk_size, end = min(begin + chunk_size, num_splats);
-  global int *counts = tile_counts + (long)chunk * num_tiles;
-  for (int tile = 0; tile < num_tiles; ++tile) counts[tile] = 0;
-  int survivors = begin;
+  box_words w = {(whole_of(b->x_first) & (bits)0xffff) | (whole_of(b->y_first) << (bits)16),
+                 (whole_of(b->x_last) & (bits)0xffff) | (whole_of(b->y_last) << (bits)16)};
+  return w;
+}
+
+// Where the records of consecutive entries go.
+typedef struct {
+  global ProjectedSplat *records;
+  global SplatAttributes *attributes;
+  global uint2 *boxes;
+  global real *disc_near_z, *near_z;
+} outputs;
+
+#define WORD(values) ((uint)((const bits *)&(values))[lane])
+
+// Write the records of `num` entries from `i` on, a multiple of LANES; near_z of LANES.
+static inline void store_records(const outputs *to, int i, int num, const projected *s, reals3 color)
+{
+  const box_words disc = words_of(&s->disc), drawn = words_of(&s->drawn);
+#if DOUBLE
+  const reals box_low = AS_REALS((disc.low & (bits)0xffffffffL) | (disc.high << (bits)32)), box_high = R(0.0);
+#else
+  const reals box_low = AS_REALS(disc.low), box_high = AS_REALS(disc.high);
+#endif
+  eight first = {{s->pixel_x, s->pixel_y, s->offset_x, s->offset_y, s->u_x, s->u_y, s->v_x, s->v_y}};
+  STORE_EIGHT(first, num, to->records + i + lane);
+  eight second = {{s->g_x, s->g_y, s->z, s->u_1, s->v_1, s->center_z, box_low, box_high}};
+  STORE_EIGHT(second, num, &to->records[i + lane].g_x);
+  eight third = {{color.x, color.y, color.z, s->normal_x, s->normal_y, s->normal_z, s->prefilter_x, s->prefilter_y}};
+  STORE_EIGHT(third, num, to->attributes + i + lane);
+  for (int lane = 0; lane < num; ++lane) to->boxes[i + lane] = (uint2)(WORD(drawn.low), WORD(drawn.high));
+  const masks no_disc = MASK(s->disc.x_first > s->disc.x_last), nothing = MASK(s->drawn.x_first > s->drawn.x_last);
+  ((global reals *)to->disc_near_z)[i / LANES] = SELECT(s->near_z, (real)NAN, no_disc);
+  ((global reals *)to->near_z)[i / LANES] = SELECT(s->near_z, (real)NAN, nothing);
+}
+
+// The lists lead to splats in any order, which caches do not hold: ask for each both of its cache lines AHEAD entries
+// before. (Waiting for them took half of the projection's time; prefetch() does nothing in PoCL.)
+#define AHEAD 24
+#if ON_POCL
+#define ASK_FOR(splat)                                     \
+  __builtin_prefetch((global const real *)(splat));        \
+  __builtin_prefetch((global const real *)((splat) + 1) - 1)
+#else
+#define ASK_FOR(splat)
+#endif
+
+#define LOW(lane, axis) center_low[3 * place[lane] + axis]
+
+// A record for each entry of the tile lists.
+kernel void project(constant View *view, global const Splat *splats, global const real *center_low,
+                    global const int *ids, const int first, const int num_entries, global ProjectedSplat *records,
+                    global SplatAttributes *attributes, global uint2 *boxes_drawn, global real *disc_near_z,
+                    global real *near_z)
+{
+  const outputs to = {records, attributes, boxes_drawn, disc_near_z, near_z};
+  const int begin = get_global_id(0) * ENTRIES, end = least(begin + ENTRIES, num_entries);
+  int places[ENTRIES + LANES + AHEAD];
+  for (int k = 0; k < ENTRIES + LANES + AHEAD; ++k) places[k] = ids[first + least(begin + k, end - 1)];
   for (int i = begin; i < end; i += LANES) {
-    const reals3 world = load3(center, stride, i);
-    const reals3 world_low = CENTER_LOW ? load3(center_low, stride, i) : world;
-    projected s = project_splats(view, world, world_low, load3(tangent_u, stride, i), load3(tangent_v, stride, i));
-    if (!ANY(s.visible)) continue;
-    for (int lane = 0; lane < LANES && i + lane < end; ++lane) {
-      if (!((const bits *)&s.visible)[lane]) continue;
-      const real x_low = LANE(x_low), y_low = LANE(y_low);
-      const int x_min = (int)x_low + ((real)(int)x_low < x_low), x_max = (int)(LANE(x_high) + R(1.0)) - 1;
-      const int y_min = (int)y_low + ((real)(int)y_low < y_low), y_max = (int)(LANE(y_high) + R(1.0)) - 1;
-      if (x_min > x_max || y_min > y_max) continue;
-      records[survivors] = (ProjectedSplat){
-          LANE(pixel_x), LANE(pixel_y), LANE(offset_x), LANE(offset_y), LANE(u_x), LANE(u_y), LANE(u_1),
-          LANE(v_x), LANE(v_y), LANE(v_1), LANE(g_x), LANE(g_y), LANE(z), i + lane, x_min, y_min, x_max, y_max};
-      attributes[survivors] = (SplatAttributes){
-          color[i + lane], color[stride + i + lane], color[2 * (long)stride + i + lane],
-          LANE(normal_x), LANE(normal_y), LANE(normal_z), LANE(prefilter_x), LANE(prefilter_y), LANE(center_z)};
-      ++survivors;
-      for (int ty = y_min / TILE; ty <= y_max / TILE; ++ty)
-        for (int tx = x_min / TILE; tx <= x_max / TILE; ++tx) ++counts[ty * tiles_x + tx];
+    const int *place = places + (i - begin);
+    for (int lane = 0; lane < LANES; ++lane) {
+      ASK_FOR(splats + place[AHEAD + lane]);
     }
+    LOAD_EIGHT(a, global, splats + place[lane]);
+    LOAD_EIGHT(b, global, &splats[place[lane]].uy);  // words 4 to 11
+    const reals3 world = {a.v[0], a.v[1], a.v[2]}, tu = {a.v[3], b.v[0], b.v[1]};
+    const reals3 tv = {b.v[2], b.v[3], b.v[4]}, color = {b.v[5], b.v[6], b.v[7]};
+#if CENTER_LOW
+    const reals3 world_low = {(reals)EACH_LANE(LOW, 0), (reals)EACH_LANE(LOW, 1), (reals)EACH_LANE(LOW, 2)};
+#else
+    const reals3 world_low = world;
+#endif
+    const projected s = project_splats(view, world, world_low, tu, tv);
+    store_records(&to, i, least(LANES, end - i), &s, color);
   }
-  num_survivors[chunk] = survivors - begin;
 }

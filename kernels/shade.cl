@@ -1,6 +1,8 @@
 // Shading pass: once per pixel, from the resolved G-buffer. SHADER names the header with shade_surface().
+// A work-item takes LANES pixels of a row.
 
 #include "arithmetic.h"
+#include "lanes.h"
 #include "surface.h"
 #include SHADER
 
@@ -8,42 +10,61 @@
   global const real *depth, global const real *weight_sum, global const real *color_sum,                     \
       global const real *normal_sum, global const real *depth_sum
 
-static inline Surface surface_at(constant View *view, int x, int y, long p, GBUFFER)
+#define PLANE(lane, values) values[p[lane]]
+#define X(lane, values) values[3 * p[lane]]
+#define Y(lane, values) values[3 * p[lane] + 1]
+#define Z(lane, values) values[3 * p[lane] + 2]
+#define TRIPLE(values) {(reals)EACH_LANE(X, values), (reals)EACH_LANE(Y, values), (reals)EACH_LANE(Z, values)}
+
+// `p`: where the pixels are; those beyond the row's end are its last again.
+static inline Surface surface_at(constant View *view, int x, int y, const long *p, GBUFFER)
 {
-  return resolve_surface(view, x, y, depth[p], weight_sum[p],
-                         (reals3){color_sum[3 * p], color_sum[3 * p + 1], color_sum[3 * p + 2]},
-                         (reals3){normal_sum[3 * p], normal_sum[3 * p + 1], normal_sum[3 * p + 2]}, depth_sum[p]);
+  const reals3 colors = TRIPLE(color_sum), normals = TRIPLE(normal_sum);
+  reals columns;
+  for (int lane = 0; lane < LANES; ++lane) ((real *)&columns)[lane] = (real)(x + lane);
+  return resolve_surface(view, columns, (reals)(real)y, (reals)EACH_LANE(PLANE, depth),
+                         (reals)EACH_LANE(PLANE, weight_sum), colors, normals, (reals)EACH_LANE(PLANE, depth_sum));
 }
 
-static inline void store3(global real *out, long p, reals3 v)
+#define PIXELS                                                          \
+  const int x = get_global_id(0) * LANES, y = get_global_id(1);         \
+  const int num = least(LANES, view->width - x);                        \
+  long p[LANES];                                                        \
+  for (int lane = 0; lane < LANES; ++lane) p[lane] = (long)y * view->width + x + least(lane, num - 1)
+#define LANE(values) (((const real *)&(values))[lane])
+
+static inline void store3(global real *out, long p, reals3 v, int lane)
 {
-  out[3 * p] = v.x;
-  out[3 * p + 1] = v.y;
-  out[3 * p + 2] = v.z;
+  out[3 * p] = LANE(v.x);
+  out[3 * p + 1] = LANE(v.y);
+  out[3 * p + 2] = LANE(v.z);
 }
 
 kernel void shade(constant View *view, constant Shading *shading, constant PhongLight *lights, GBUFFER,
                   global real *color)
 {
-  const int x = get_global_id(0), y = get_global_id(1);
-  const long p = (long)y * view->width + x;
+  PIXELS;
   const Surface s = surface_at(view, x, y, p, depth, weight_sum, color_sum, normal_sum, depth_sum);
-  const reals3 rgb = s.covered ? shade_surface(&s, shading, lights) : (reals3){0, 0, 0};
-  color[4 * p] = rgb.x;
-  color[4 * p + 1] = rgb.y;
-  color[4 * p + 2] = rgb.z;
-  color[4 * p + 3] = s.covered ? R(1.0) : R(0.0);
+  const reals3 zero = {R(0.0), R(0.0), R(0.0)};
+  const reals3 rgb = ANY(s.covered) ? select3(zero, shade_surface(&s, shading, lights), s.covered) : zero;
+  for (int lane = 0; lane < num; ++lane) {
+    color[4 * p[lane]] = LANE(rgb.x);
+    color[4 * p[lane] + 1] = LANE(rgb.y);
+    color[4 * p[lane] + 2] = LANE(rgb.z);
+    color[4 * p[lane] + 3] = ((const bits *)&s.covered)[lane] ? R(1.0) : R(0.0);
+  }
 }
 
 kernel void resolve(constant View *view, GBUFFER, global real *position, global real *normal, global real *albedo,
                     global real *mean_depth, global real *distance)
 {
-  const int x = get_global_id(0), y = get_global_id(1);
-  const long p = (long)y * view->width + x;
+  PIXELS;
   const Surface s = surface_at(view, x, y, p, depth, weight_sum, color_sum, normal_sum, depth_sum);
-  store3(position, p, s.position);
-  store3(normal, p, s.normal);
-  store3(albedo, p, s.albedo);
-  mean_depth[p] = s.mean_depth;
-  distance[p] = s.distance;
+  for (int lane = 0; lane < num; ++lane) {
+    store3(position, p[lane], s.position, lane);
+    store3(normal, p[lane], s.normal, lane);
+    store3(albedo, p[lane], s.albedo, lane);
+    mean_depth[p[lane]] = LANE(s.mean_depth);
+    distance[p[lane]] = LANE(s.distance);
+  }
 }

@@ -1,59 +1,16 @@
-// One splat under one block of pixels: written once, used by the visibility and the attribute pass, so that
-// both decide coverage and depth with the same bits. Needs arithmetic.h and the build options
-// TILE, REGION, ORTHOGRAPHIC, PREFILTER.
+// Discs under pixels: written once, used by the visibility and the attribute pass, so that both decide coverage and
+// depth with the same bits. Needs arithmetic.h and the build option ORTHOGRAPHIC.
 
-// A block is LANES pixels. A work-item takes a region of REGION x REGION pixels, BLOCKS_X x BLOCKS_Y blocks: a
-// whole tile of TILE x TILE, which suits a CPU, or one pixel of it (REGION 1, LANES 1), which suits a GPU.
-#if LANES == 1
-#define BLOCK_X 1
-#define BLOCK_Y 1
-#define LANE_X ((reals)R(0.0))
-#define LANE_Y ((reals)R(0.0))
-#elif LANES == 4
-#define BLOCK_X 2
-#define BLOCK_Y 2
-#define LANE_X ((reals)(0, 1, 0, 1))
-#define LANE_Y ((reals)(0, 0, 1, 1))
-#elif LANES == 8
-#define BLOCK_X 4
-#define BLOCK_Y 2
-#define LANE_X ((reals)(0, 1, 2, 3, 0, 1, 2, 3))
-#define LANE_Y ((reals)(0, 0, 0, 0, 1, 1, 1, 1))
-#else
-#define BLOCK_X 4
-#define BLOCK_Y 4
-#define LANE_X ((reals)(0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3))
-#define LANE_Y ((reals)(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3))
-#endif
-#define BLOCKS_X (REGION / BLOCK_X)
-#define BLOCKS_Y (REGION / BLOCK_Y)
-#define BLOCKS (BLOCKS_X * BLOCKS_Y)
-#define REGIONS_X (TILE / REGION)  // of one tile
-#define REGIONS (REGIONS_X * REGIONS_X)
-
-// The region of a work-item: its tile's run of records, and its first pixel.
+// LANES projected splats, or one of them LANES times.
 typedef struct {
-  int run, x, y;
-} region;
+  reals pixel_x, pixel_y, offset_x, offset_y, u_x, u_y, u_1, v_x, v_y, v_1, g_x, g_y, z;
+} discs;
 
-static inline region region_of(int item, int first_tile, int tiles_x)
+static inline discs disc_of(const ProjectedSplat *s)
 {
-  const int tile = first_tile + item / REGIONS, part = item % REGIONS;
-  region w = {item / REGIONS, tile % tiles_x * TILE + part % REGIONS_X * REGION,
-              tile / tiles_x * TILE + part / REGIONS_X * REGION};
-  return w;
-}
-
-// The blocks of a region that a record's bounds touch, ends included.
-typedef struct {
-  int x_first, x_last, y_first, y_last;
-} block_range;
-
-static inline block_range blocks_of(const ProjectedSplat *s, const region *w)
-{
-  block_range r = {max(s->x_min - w->x, 0) / BLOCK_X, min(s->x_max - w->x, REGION - 1) / BLOCK_X,
-                   max(s->y_min - w->y, 0) / BLOCK_Y, min(s->y_max - w->y, REGION - 1) / BLOCK_Y};
-  return r;
+  discs d = {s->pixel_x, s->pixel_y, s->offset_x, s->offset_y, s->u_x, s->u_y, s->u_1,
+             s->v_x,     s->v_y,     s->v_1,      s->g_x,      s->g_y, s->z};
+  return d;
 }
 
 typedef struct {
@@ -63,12 +20,12 @@ typedef struct {
   masks inside;           // u^2 + v^2 <= 1 and in front of the eye; near and far are not yet tested
 } hit;
 
-// Block origins are whole numbers, so the subtraction of pixel_x is exact and dx is rounded once.
-static inline hit intersect(const ProjectedSplat *s, int x, int y)
+// x, y and pixel_x, pixel_y are whole numbers, so their difference is exact and dx is rounded once.
+static inline hit intersect(const discs *s, reals x, reals y)
 {
   hit h;
-  h.dx = (LANE_X + ((real)x - s->pixel_x)) - s->offset_x;
-  h.dy = (LANE_Y + ((real)y - s->pixel_y)) - s->offset_y;
+  h.dx = (x - s->pixel_x) - s->offset_x;
+  h.dy = (y - s->pixel_y) - s->offset_y;
   h.u = (s->u_x * h.dx + s->u_y * h.dy) + s->u_1;
   h.v = (s->v_x * h.dx + s->v_y * h.dy) + s->v_1;
 #if ORTHOGRAPHIC
@@ -84,7 +41,7 @@ static inline hit intersect(const ProjectedSplat *s, int x, int y)
 }
 
 // Eye-space z of the disc along the pixel's ray.
-static inline reals hit_depth(const ProjectedSplat *s, const hit *h, reals inverse_den)
+static inline reals hit_depth(const discs *s, const hit *h, reals inverse_den)
 {
 #if ORTHOGRAPHIC
   return (s->g_x * h->dx + s->g_y * h->dy) + s->z;

@@ -1,37 +1,42 @@
-// Resolve: what the accumulated sums say of the surface at one pixel, in eye space. Needs arithmetic.h, LANES 1.
+// Resolve: what the accumulated sums say of the surface at LANES pixels, in eye space. Needs arithmetic.h.
 
 #include "ray.h"
 
 typedef struct {
   reals3 position, normal, albedo;
   reals3 to_eye;  // unit
-  real mean_depth, distance;
-  int covered;
+  reals mean_depth, distance;
+  masks covered;
 } Surface;
 
+// A vector without a length stays zero.
 static inline reals3 normalize3(reals3 v)
 {
-  const real length2 = dot3(v, v);
-  return length2 > R(0.0) ? scale3(v, divide(R(1.0), square_root(length2))) : (reals3){0, 0, 0};
+  const reals length2 = dot3(v, v);
+  return scale3(v, SELECT(R(0.0), divide(R(1.0), square_root(length2)), MASK(length2 > R(0.0))));
 }
 
-static inline Surface resolve_surface(constant View *view, int x, int y, real depth, real weight_sum, reals3 color_sum,
-                                      reals3 normal_sum, real depth_sum)
+static inline reals3 select3(reals3 no, reals3 yes, masks mask)
 {
-  Surface s = {{0, 0, 0}, {0, 0, 0}, {0, 0, 0}, {0, 0, R(-1.0)}, (real)INFINITY, (real)INFINITY, weight_sum > R(0.0)};
-  if (s.covered) s.mean_depth = divide(depth_sum, weight_sum);
-  const real z = depth < (real)INFINITY ? depth : s.mean_depth;  // no disc was hit, only the pre-filter landed
+  return (reals3){SELECT(no.x, yes.x, mask), SELECT(no.y, yes.y, mask), SELECT(no.z, yes.z, mask)};
+}
+
+static inline Surface resolve_surface(constant View *view, reals x, reals y, reals depth, reals weight_sum,
+                                      reals3 color_sum, reals3 normal_sum, reals depth_sum)
+{
+  const reals3 zero = {R(0.0), R(0.0), R(0.0)}, back = {R(0.0), R(0.0), R(-1.0)};
   const reals3 d = {ray_x(view, x), ray_y(view, y), R(1.0)};
+  Surface s;
+  s.covered = MASK(weight_sum > R(0.0));
+  s.mean_depth = SELECT((real)INFINITY, divide(depth_sum, weight_sum), s.covered);
+  const reals z = SELECT(s.mean_depth, depth, MASK(depth < (real)INFINITY));  // else only the pre-filter landed
   s.distance = ORTHOGRAPHIC ? z : square_root(dot3(d, d)) * z;
-  if (!s.covered) return s;
-#if ORTHOGRAPHIC
-  s.position = (reals3){d.x, d.y, z};
-#else
-  s.position = scale3(d, z);
-  s.to_eye = normalize3(scale3(d, R(-1.0)));
-#endif
-  s.albedo = (reals3){divide(color_sum.x, weight_sum), divide(color_sum.y, weight_sum),
-                      divide(color_sum.z, weight_sum)};
-  s.normal = normalize3(normal_sum);
+  s.position = ORTHOGRAPHIC ? (reals3){d.x, d.y, z} : scale3(d, z);
+  s.to_eye = ORTHOGRAPHIC ? back : select3(back, normalize3(scale3(d, R(-1.0))), s.covered);
+  const reals3 albedo = {divide(color_sum.x, weight_sum), divide(color_sum.y, weight_sum),
+                         divide(color_sum.z, weight_sum)};
+  s.position = select3(zero, s.position, s.covered);
+  s.albedo = select3(zero, albedo, s.covered);
+  s.normal = select3(zero, normalize3(normal_sum), s.covered);
   return s;
 }

@@ -3,43 +3,138 @@
 
 #include "arithmetic.h"
 #include "splat.h"
+#include "lanes.h"
+#include "transpose.h"
+#include "tile.h"
 
 #define NO_SPLAT 0xffffffffu
 
-kernel void visibility(global const ProjectedSplat *records, global const int *tile_begin, const int first_tile,
-                       const int tiles_x, const int width, const int height, const real near, const real far,
-                       global real *depth, global uint *particleid)
+// The nearest so far at each pixel of a region.
+typedef struct {
+  real depth[REACHED_PIXELS];
+  uint particleid[REGION_PIXELS];
+} front;
+
+// Of equal depths the lower splat index is in front, whichever comes first.
+static inline void put(front *f, int p, real z, uint id)
+{
+  const real depth = f->depth[p];
+  const uint particleid = f->particleid[p];
+  const int closer = (z < depth) | ((z == depth) & (id < particleid));
+  f->depth[p] = closer ? z : depth;
+  f->particleid[p] = closer ? id : particleid;
+}
+
+// Discs hit within near..far and not behind what is in front already.
+typedef struct {
+  reals z;
+  masks in_front;
+} meetings;
+
+#define DEPTH(lane, depth) depth[offset[lane]]
+
+// `depth` so far, `offset` of each lane from there.
+static inline meetings meet(const discs *s, reals x, reals y, masks in_box, real near, real far, const real *depth,
+                            const int *offset)
+{
+  const hit h = intersect(s, x, y);
+  meetings m = {(reals)R(0.0), h.inside & in_box};
+  if (!ANY(m.in_front)) return m;
+  m.z = hit_depth(s, &h, divide(R(1.0), h.den));
+  m.in_front &= MASK(m.z >= near) & MASK(m.z <= far) & MASK(m.z <= (reals)EACH_LANE(DEPTH, depth));
+  return m;
+}
+
+// LANES splats in small boxes, pixel by pixel of each.
+static inline void small_boxes(front *f, global const int *ids, const int *place, const discs *s, const boxes *b,
+                               const region *w, real near, real far)
+{
+  const counted_boxes c = count_boxes(b);
+  const reals left = b->x_first + (real)w->x, top = b->y_first + (real)w->y;
+  int offset[LANES];
+  for (int lane = 0; lane < LANES; ++lane) offset[lane] = WHOLE_OF(c.first, lane);
+  for (int y = 0; y < SMALL && ANY(MASK(c.down > (bits)y)); ++y)
+    for (int x = 0; x < SMALL && ANY(MASK(c.across > (bits)x)); ++x) {
+      const masks in_box = MASK(c.across > (bits)x) & MASK(c.down > (bits)y);
+      const int q = y * REGION + x;
+      const meetings m = meet(s, left + (real)x, top + (real)y, in_box, near, far, f->depth + q, offset);
+      if (!ANY(m.in_front)) continue;
+      for (int lane = 0; lane < LANES; ++lane)
+        if (WHOLE_OF(m.in_front, lane)) put(f, offset[lane] + q, LANE_OF(m.z, lane), ids[place[lane]]);
+    }
+}
+
+// One splat in a box of any size, LANES pixels at a time.
+static inline void large_box(front *f, global const ProjectedSplat *record, uint id, int first, int across, int down,
+                             const region *w, real near, real far)
+{
+  const ProjectedSplat whole = *record;
+  const discs s = disc_of(&whole);
+  const reals left = (real)(w->x + first % REGION) + LANE_X, top = (real)(w->y + first / REGION) + LANE_Y;
+  int offset[LANES];
+  for (int lane = 0; lane < LANES; ++lane) offset[lane] = lane / BLOCK_X * REGION + lane % BLOCK_X;
+  for (int y = 0; y < down; y += BLOCK_Y)
+    for (int x = 0; x < across; x += BLOCK_X) {
+      const masks in_box = MASK(LANE_X < (real)(across - x)) & MASK(LANE_Y < (real)(down - y));
+      const int q = first + y * REGION + x;
+      const meetings m = meet(&s, left + (real)x, top + (real)y, in_box, near, far, f->depth + q, offset);
+      if (!ANY(m.in_front)) continue;
+      for (int lane = 0; lane < LANES; ++lane)
+        if (WHOLE_OF(m.in_front, lane)) put(f, q + offset[lane], LANE_OF(m.z, lane), id);
+    }
+}
+
+static inline void batch(front *f, global const ProjectedSplat *records, global const int *ids, const int *place,
+                         int num, const region *w, real near, real far)
+{
+  masks low, high;
+  const discs s = load_discs(records, place, &low, &high);
+  const boxes b = boxes_of(low, high, num, w);
+  if (all_small(&b)) {
+    small_boxes(f, ids, place, &s, &b, w, near, far);
+    return;
+  }
+  const counted_boxes c = count_boxes(&b);
+  for (int lane = 0; lane < num; ++lane)
+    large_box(f, records + place[lane], ids[place[lane]], WHOLE_OF(c.first, lane), WHOLE_OF(c.across, lane),
+              WHOLE_OF(c.down, lane), w, near, far);
+}
+
+// The depth behind which nothing can be in front of anything: +inf until every pixel is covered.
+static inline real farthest_of(const front *f)
+{
+  real farthest = -(real)INFINITY;
+  for (int p = 0; p < REGION_PIXELS; ++p) farthest = f->depth[p] > farthest ? f->depth[p] : farthest;
+  return farthest;
+}
+
+kernel void visibility(global const ProjectedSplat *records, global const real *near_z, global const int *ids,
+                       const int first_entry, global const int *tile_begin, const int first_tile, const int tiles_x, const int width, const int height, const real near,
+                       const real far, global real *depth, global uint *particleid)
 {
   const region w = region_of(get_global_id(0), first_tile, tiles_x);
   const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
-  reals z_min[BLOCKS];
-  uints front[BLOCKS];
-  for (int b = 0; b < BLOCKS; ++b) {
-    z_min[b] = (reals)INFINITY;
-    front[b] = (uints)NO_SPLAT;
+  front f;
+  for (int p = 0; p < REACHED_PIXELS; ++p) f.depth[p] = -(real)INFINITY;  // beside the image nothing is waited for
+  for (int p = 0; p < REGION_PIXELS; ++p) f.particleid[p] = NO_SPLAT;
+  for (int y = 0; y < least(REGION, height - w.y); ++y)
+    for (int x = 0; x < least(REGION, width - w.x); ++x) f.depth[y * REGION + x] = (real)INFINITY;
+  int place[QUEUE + LANES];
+  int num = 0;
+  for (int i = begin; i < end; i += QUEUE) {
+    num = append_near(near_z, i, least(i + QUEUE, end), farthest_of(&f), place, num);
+    int done = 0;
+    for (; done + LANES <= num; done += LANES) batch(&f, records, ids + first_entry, place + done, LANES, &w, near, far);
+    num = keep_rest(place, done, num);
   }
-  for (int i = begin; i < end; ++i) {
-    const ProjectedSplat s = records[i];
-    const block_range r = blocks_of(&s, &w);
-    for (int by = r.y_first; by <= r.y_last; ++by)
-      for (int bx = r.x_first; bx <= r.x_last; ++bx) {
-        const hit h = intersect(&s, w.x + bx * BLOCK_X, w.y + by * BLOCK_Y);
-        if (!ANY(h.inside)) continue;
-        const int b = by * BLOCKS_X + bx;
-        const reals z = hit_depth(&s, &h, divide(R(1.0), h.den));
-        const masks closer = h.inside & MASK(z < z_min[b]) & MASK(z >= near) & MASK(z <= far);
-        z_min[b] = SELECT(z_min[b], z, closer);
-        front[b] = (front[b] & ~UINT_MASK(closer)) | (s.id & UINT_MASK(closer));
-      }
+  if (num) {
+    for (int lane = num; lane < LANES; ++lane) place[lane] = place[0];
+    batch(&f, records, ids + first_entry, place, num, &w, near, far);
   }
-  const real *z_lanes = (const real *)z_min;
-  const uint *front_lanes = (const uint *)front;
-  for (int i = 0; i < REGION * REGION; ++i) {
-    const int block = i / LANES, lane = i % LANES;
-    const int x = w.x + block % BLOCKS_X * BLOCK_X + lane % BLOCK_X;
-    const int y = w.y + block / BLOCKS_X * BLOCK_Y + lane / BLOCK_X;
+  for (int p = 0; p < REGION_PIXELS; ++p) {
+    const int x = w.x + p % REGION, y = w.y + p / REGION;
     if (x >= width || y >= height) continue;
-    depth[(long)y * width + x] = z_lanes[i];
-    particleid[(long)y * width + x] = front_lanes[i];
+    depth[(long)y * width + x] = f.depth[p];
+    particleid[(long)y * width + x] = f.particleid[p];
   }
 }

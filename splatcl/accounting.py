@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from splatcl.camera import Camera
 from splatcl.frame import Frame
 from splatcl.pipeline import DepthBuffer, Passes, ProjectedSplats, TileLists
 from splatcl.render import DeviceAovs, Renderer, Resident
+from splatcl.resident import ResidentSplats
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
@@ -25,6 +26,8 @@ SUSPECTS = 100
 BEYOND_DOUBT = 32.0
 """Margin, in rounding errors, from which a float32 renderer decides as the oracle does (tests/tolerances.py)."""
 SPLATS_AT_ONCE = 1 << 18
+CHUNK = 4096
+"""Records whose fragments a work-item counts."""
 
 
 @dataclass(frozen=True)
@@ -71,27 +74,28 @@ def _account(
     again : dict of str to array
         The AOVs that no colour enters.
     """
-    passes, on_device = renderer.prepare(resident, camera, settings)
-    color = np.tile(np.array(CONSTANT_COLOR, passes.real)[:, None], on_device.stride)
-    view = passes.view(on_device.origin)
-    projected = pipeline.project(passes, view, replace(on_device, color=passes.constant(color)))
-    kept = _read_projected(passes, projected, len(resident.splats))
+    white = replace(resident.splats, color=np.tile(CONSTANT_COLOR, (len(resident.splats), 1)))
+    passes, on_device = renderer.prepare(renderer.upload(white), camera, settings)
+    view, epsilon = passes.view(on_device.origin), resident.epsilon(settings)
+    kept = _project_in_order(passes, view, on_device)
     copies = _expected_copies(kept, passes.tile_size, passes.tiles_x)
-    counted = _tile_counts(passes, projected)
-    faults = [] if np.array_equal(counted, np.bincount(copies.tile, minlength=passes.num_tiles)) else ["tile counts"]
     depth, gbuffer = pipeline.frame_buffers(passes)
-    for lists in pipeline.bin(passes, projected):
-        faults += _run_faults(passes, kept, copies, lists)
-        pipeline.visibility(passes, lists, depth)
-        pipeline.attributes(passes, view, lists, depth, resident.epsilon(settings), gbuffer)
+    faults: list[str] = []
+    num_listed = 0
+    for lists in pipeline.bin(passes, view, on_device):
+        projected = pipeline.project(passes, view, on_device, lists)
+        faults += _list_faults(passes, kept, copies, lists, projected)
+        num_listed += int(lists.begin[-1])
+        pipeline.visibility(passes, lists, projected, depth)
+        pipeline.attributes(passes, view, lists, projected, depth, epsilon, gbuffer)
     aovs = DeviceAovs(passes, view, depth, gbuffer, None)
-    num_fragments = _count_fragments(passes, view, projected, depth, resident.epsilon(settings))
+    num_fragments = _count_fragments(passes, view, on_device, depth, epsilon)
     checks = [
-        _check_binning(faults, len(copies.tile), passes.num_tiles),
+        _check_binning(faults, len(copies.tile), num_listed, passes.num_tiles),
         _check_fragments(num_fragments, aovs["count"]),
         _check_color(aovs["albedo"], aovs["weight"], aovs["count"]),
     ]
-    return kept.records["id"], checks, {name: aovs[name] for name in ("Z", "particleid", "weight", "count")}
+    return kept.ids, checks, {name: aovs[name] for name in ("Z", "particleid", "weight", "count")}
 
 
 # ---- splats: each is drawn, culled or beside the image
@@ -134,39 +138,53 @@ def _is_drawn(splat: Splats, camera: Camera, settings: RenderSettings) -> bool:
     return bool(((gbuffer.count > 0) & (margin > BEYOND_DOUBT)).any())
 
 
-# ---- binning: each record has one copy in the run of each tile that its bounds touch
+# ---- binning: each splat is in the list of each tile that its bounds touch
 
 
 @dataclass(frozen=True)
 class _Projected:
     """Survivors in splat order."""
 
+    ids: Array  # (S,) uint32
     records: Array  # (S,) ProjectedSplat
     attributes: Array  # (S,) SplatAttributes
+    boxes: Array  # (S, 4) int16 x_min, y_min, x_max, y_max
+
+    @classmethod
+    def read(cls, passes: Passes, lists: TileLists, projected: ProjectedSplats) -> _Projected:
+        """Read what was made of each entry of the lists."""
+        device, dtypes, num = passes.device, passes.dtypes, int(lists.begin[-1])
+        ids = device.read(lists.ids, (lists.start + num,), np.uint32)[lists.start :]
+        records = device.read(projected.records, (num,), dtypes["ProjectedSplat"])
+        attributes = device.read(projected.attributes, (num,), dtypes["SplatAttributes"])
+        return cls(ids, records, attributes, device.read(projected.boxes, (num, 4), np.int16))
+
+    def take(self, where: Array) -> _Projected:
+        """Return those at indices or of a mask."""
+        return _Projected(*(getattr(self, field.name)[where] for field in fields(self)))
 
 
 @dataclass(frozen=True)
 class _Copies:
-    """The copies that there must be, by tile and then by splat."""
+    """The entries that there must be, by tile and then by splat."""
 
     tile: Array  # (C,)
     survivor: Array  # (C,) index of the survivor
 
 
-def _read_projected(passes: Passes, projected: ProjectedSplats, num_splats: int) -> _Projected:
-    counts = passes.device.read(projected.num_survivors, (projected.num_chunks,), np.int32)
-    starts = np.arange(projected.num_chunks) * projected.chunk_size
-    places = np.repeat(starts - np.cumsum(counts) + counts, counts) + np.arange(counts.sum())
-    dtypes = passes.dtypes
-    records = passes.device.read(projected.records, (num_splats,), dtypes["ProjectedSplat"])[places]
-    attributes = passes.device.read(projected.attributes, (num_splats,), dtypes["SplatAttributes"])[places]
-    return _Projected(records, attributes)
+def _project_in_order(passes: Passes, view: Any, splats: ResidentSplats) -> _Projected:
+    """Project every splat, without tiles, and return those that touch a pixel."""
+    parts = []
+    for lists in pipeline.in_order(passes, splats.num_splats):
+        part = _Projected.read(passes, lists, pipeline.project(passes, view, splats, lists))
+        parts.append(part.take(part.boxes[:, 0] <= part.boxes[:, 2]))
+    return _Projected(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(_Projected)))
 
 
 def _expected_copies(kept: _Projected, tile_size: int, tiles_x: int) -> _Copies:
-    x, y = kept.records["x_min"] // tile_size, kept.records["y_min"] // tile_size
-    across = kept.records["x_max"] // tile_size - x + 1
-    num_copies = across * (kept.records["y_max"] // tile_size - y + 1).astype(np.int64)
+    x, y, x_last, y_last = (kept.boxes // tile_size).astype(np.int64).T
+    across = x_last - x + 1
+    num_copies = across * (y_last - y + 1)
     survivor = np.repeat(np.arange(len(num_copies)), num_copies)
     nth = np.arange(len(survivor)) - np.repeat(np.cumsum(num_copies) - num_copies, num_copies)
     tile = (y[survivor] + nth // across[survivor]) * tiles_x + x[survivor] + nth % across[survivor]
@@ -174,54 +192,66 @@ def _expected_copies(kept: _Projected, tile_size: int, tiles_x: int) -> _Copies:
     return _Copies(tile[order], survivor[order])
 
 
-def _tile_counts(passes: Passes, projected: ProjectedSplats) -> Array:
-    """(num_tiles,) what the projection counted for each tile, over all chunks."""
-    shape = (projected.num_chunks, projected.num_tiles)
-    return passes.device.read(projected.tile_counts, shape, np.int32).sum(axis=0, dtype=np.int64)
-
-
-def _run_faults(passes: Passes, kept: _Projected, copies: _Copies, lists: TileLists) -> Iterator[str]:
-    """Yield what is wrong with a band's runs: their lengths, records or attributes."""
-    ends = np.searchsorted(copies.tile, np.arange(lists.first_tile, lists.last_tile + 1))
-    if not np.array_equal(lists.begin, ends - ends[0]):
-        yield f"run lengths of tiles {lists.first_tile} to {lists.last_tile - 1}"
+def _list_faults(
+    passes: Passes, kept: _Projected, copies: _Copies, lists: TileLists, projected: ProjectedSplats
+) -> Iterator[str]:
+    """Yield what is wrong with a band's lists: their order, what they lack, or the records made of them."""
+    got = _Projected.read(passes, lists, projected)
+    tile = np.repeat(np.arange(lists.first_tile, lists.last_tile), np.diff(lists.begin))
+    place = (tile.astype(np.int64) << 32) + got.ids
+    ends = np.searchsorted(copies.tile, (lists.first_tile, lists.last_tile))
+    tile, survivor = copies.tile[slice(*ends)], copies.survivor[slice(*ends)]
+    wanted = (tile.astype(np.int64) << 32) + kept.ids[survivor]
+    if not (np.diff(place) > 0).all():
+        yield f"order in tiles {lists.first_tile} to {lists.last_tile - 1}"
         return
-    expected = copies.survivor[ends[0] : ends[-1]]
-    for buffer, name, wanted in (
-        (lists.records, "ProjectedSplat", kept.records),
-        (lists.attributes, "SplatAttributes", kept.attributes),
-    ):
-        got = passes.device.read(buffer, expected.shape, passes.dtypes[name])
-        wrong = np.logical_or.reduce(
-            [_bits(got[field]) != _bits(wanted[field])[expected] for field in got.dtype.names or ()]
-        )
+    at = np.minimum(np.searchsorted(place, wanted), max(len(place) - 1, 0))
+    missing = place[at] != wanted if len(place) else np.ones(len(wanted), bool)
+    if missing.any():
+        yield f"{np.count_nonzero(missing)} splats not listed, the first in tile {tile[int(missing.argmax())]}"
+        return
+    expected, got = kept.take(survivor), got.take(at)
+    for name in ("records", "attributes", "boxes"):
+        wrong = _differ(getattr(got, name), getattr(expected, name))
         if wrong.any():
-            tile = copies.tile[ends[0] + int(wrong.argmax())]
-            yield f"{np.count_nonzero(wrong)} copies of {name}, the first in tile {tile}"
+            yield f"{np.count_nonzero(wrong)} {name}, the first in tile {tile[int(wrong.argmax())]}"
+
+
+def _differ(a: Array, b: Array) -> Array:
+    """(N,) bool whether any bit of a row differs; padding does not count."""
+    if a.dtype.names:
+        columns = [(a[name], b[name]) for name in a.dtype.names if name != "pad"]
+    else:
+        columns = list(zip(a.T, b.T, strict=True))
+    return np.logical_or.reduce([_bits(x) != _bits(y) for x, y in columns])
 
 
 def _bits(values: Array) -> Array:
     return np.ascontiguousarray(values).view(f"u{values.itemsize}")
 
 
-def _check_binning(faults: list[str], num_copies: int, num_tiles: int) -> Check:
-    detail = f"{num_copies} copies of records in {num_tiles} runs, one for each tile that a record touches, in order"
+def _check_binning(faults: list[str], num_copies: int, num_listed: int, num_tiles: int) -> Check:
+    detail = f"{num_copies} times a splat touches a tile, all among {num_listed} entries of {num_tiles} lists, in order"
     return Check("binning", not faults, f"wrong: {'; '.join(faults)}" if faults else detail)
 
 
 # ---- fragments and colour
 
 
-def _count_fragments(passes: Passes, view: Any, projected: ProjectedSplats, depth: DepthBuffer, epsilon: float) -> int:
+def _count_fragments(passes: Passes, view: Any, splats: ResidentSplats, depth: DepthBuffer, epsilon: float) -> int:
     """Count the fragments splat by splat (kernels/accounting.cl)."""
-    counts = passes.device.buffer(projected.num_chunks * 8)
     (epsilon, along, _, inverse_radius2, _, _), options = pipeline.fragment_arguments(passes, epsilon)
-    passes.run(
-        "accounting", (projected.num_chunks,), view, projected.records, projected.attributes, projected.num_survivors,
-        projected.chunk_size, epsilon, along, inverse_radius2, depth.depth, counts,
-        LANES=1, REGION=1, PREFILTER=options["PREFILTER"],
-    )  # fmt: skip
-    return int(passes.device.read(counts, (projected.num_chunks,), np.uint64).sum())
+    total = 0
+    for lists in pipeline.in_order(passes, splats.num_splats):
+        projected, num = pipeline.project(passes, view, splats, lists), int(lists.begin[-1])
+        num_chunks = -(-num // CHUNK)
+        counts = passes.device.buffer(num_chunks * 8)
+        passes.run(
+            "accounting", (num_chunks,), view, projected.records, projected.attributes, projected.boxes, num, CHUNK,
+            epsilon, along, inverse_radius2, depth.depth, counts, LANES=1, PREFILTER=options["PREFILTER"],
+        )  # fmt: skip
+        total += int(passes.device.read(counts, (num_chunks,), np.uint64).sum())
+    return total
 
 
 def _check_fragments(num_fragments: int, count: Array) -> Check:

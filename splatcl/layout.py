@@ -29,16 +29,21 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
     return {
         # eye_from_world for origin-relative world coordinates, and the intrinsics, to twice the precision.
         "View": _pairs(real, *rows, "t0", "t1", "t2", "fx", "fy", "cx", "cy")
-        + _reals(real, "near", "far", "prefilter_radius")
+        + _reals(real, "near", "far", "prefilter_radius", "reach")
         + [(name, "i4") for name in ("width", "height", "facing", "prefilter", "prefilter_at_bounds")],
-        # 64 bytes: all that the raster passes need to intersect a ray with the splat (splat.h).
-        "ProjectedSplat": _reals(real, "pixel_x", "pixel_y", "offset_x", "offset_y")
-        + _reals(real, "u_x", "u_y", "u_1", "v_x", "v_y", "v_1", "g_x", "g_y", "z")
-        + [("id", "u4")]
-        + [(name, "i2") for name in ("x_min", "y_min", "x_max", "y_max")],
-        # 36 bytes: what the attribute pass accumulates; where the pre-filter is centred, and how deep.
+        # 48 bytes: a splat in world space, relative to the origin, as the projection fetches it.
+        "Splat": _reals(real, "x", "y", "z", "ux", "uy", "uz", "vx", "vy", "vz", "red", "green", "blue"),
+        # 12 bytes: the tiles that a splat may touch, ends included.
+        "TouchedTiles": [("id", "i4"), *((name, "i2") for name in ("x_first", "y_first", "x_last", "y_last"))],
+        # 64 bytes: all that the visibility pass needs to intersect a ray with the splat (splat.h), and the pixels of
+        # its disc; in two eights of reals (transpose.h), the last two of them the pixels.
+        "ProjectedSplat": _reals(real, "pixel_x", "pixel_y", "offset_x", "offset_y", "u_x", "u_y", "v_x", "v_y")
+        + _reals(real, "g_x", "g_y", "z", "u_1", "v_1", "center_z")
+        + [(name, "i2") for name in ("x_min", "y_min", "x_max", "y_max")]
+        + ([("pad", real)] if real == "f8" else []),
+        # 32 bytes: what the attribute pass accumulates, and where the pre-filter is centred.
         "SplatAttributes": _reals(real, "red", "green", "blue", "normal_x", "normal_y", "normal_z")
-        + _reals(real, "prefilter_x", "prefilter_y", "center_z"),
+        + _reals(real, "prefilter_x", "prefilter_y"),
         # What margins and envelopes need of a splat, in double precision (nearby.cl).
         "NearbySplat": _reals(real, "u_x", "u_y", "u_1", "v_x", "v_y", "v_1", "g_x", "g_y", "g_1", "h")
         + _reals(real, "center_x", "center_y", "den", "steep", "usable", "center_z", "near_z")

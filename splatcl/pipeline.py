@@ -1,4 +1,4 @@
-"""The passes on the device, one function each, in order: project, bin, visibility, attributes, shade.
+"""The passes on the device, one function each, in order: bin, project, visibility, attributes, shade.
 
 Each launches the kernels of the file of the same name in kernels/ and returns a small frozen dataclass.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import gcd
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,38 +24,47 @@ if TYPE_CHECKING:
 
 MAX_CHUNKS = 64
 MIN_CHUNK = 1024
+ENTRIES_PER_ITEM = 256
+"""Entries of the tile lists that a work-item of the projection takes."""
 PIXEL_GROUP = 64
 """Work-items per group where each takes one pixel; it must divide the smallest tile."""
-MAX_BAND_RECORDS = 8 << 20
-"""Records of one band of tiles: 768 MiB in single precision; a single tile may need more."""
+FEW_TILES, MANY_ENTRIES = 8, 4096
+"""A band of fewer tiles, with more entries a tile than that, is cut into smaller work-items."""
+MAX_BAND_RECORDS = 96 << 10
+"""Records of one band of tiles, 10 MB in single precision, which caches hold; a single tile may need more."""
+MAX_LIST_ENTRIES = 128 << 20
+"""Entries of the tile lists held together: 512 MiB; a single tile may need more."""
 FACING = {"keep": 0, "flip": 1, "cull": 2}
 
 
 @dataclass(frozen=True)
-class ProjectedSplats:
-    """Survivors of the projection, compact and in order within each chunk; tile counts per chunk."""
-
-    records: Any
-    attributes: Any
-    num_survivors: Any
-    tile_counts: Any
-    num_chunks: int
-    chunk_size: int
-    tiles_x: int
-    num_tiles: int
-
-
-@dataclass(frozen=True)
 class TileLists:
-    """Runs of records, one run per tile of the band [first_tile, last_tile), in splat order."""
+    """Splats that may touch each tile of the band [first_tile, last_tile), a run for each tile, in splat order.
 
-    records: Any
-    attributes: Any
+    The band's entries are `ids[start:start + begin[-1]]`; tile t's among them are from begin[t - first_tile].
+    """
+
+    ids: Any
+    start: int
     begin: NDArray[np.int32]
     begin_buffer: Any
     first_tile: int
     last_tile: int
-    tiles_x: int
+
+
+@dataclass(frozen=True)
+class ProjectedSplats:
+    """A record for each entry of the tile lists, with the pixels of its disc and those of its pre-filter as well.
+
+    `near_z` is a depth that no fragment is nearer than, `disc_near_z` the same for the disc alone; NaN where there
+    are no pixels.
+    """
+
+    records: Any
+    attributes: Any
+    boxes: Any
+    disc_near_z: Any
+    near_z: Any
 
 
 @dataclass(frozen=True)
@@ -90,6 +100,7 @@ class Passes:
         self.device, self.camera, self.settings, self.tile_size = device, camera, settings, tile_size
         self.precision, self.real = precision, np.dtype(REAL[precision])
         self.dtypes, self.declarations = structs(device.info.handle, REAL[precision])
+        self.lanes = device.lanes_of(self.real)
         self.tiles_x = -(-camera.width // tile_size)
         self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
         self.num_pixels = camera.width * camera.height
@@ -100,7 +111,7 @@ class Passes:
         Python integers become int, Python floats the frame's real.
         """
         common = {
-            "LANES": self.device.lanes_of(self.real),
+            "LANES": self.lanes,
             "DOUBLE": int(self.real == np.float64),
             "TILE": self.tile_size,
             **self.device.strictness.options(self.precision),
@@ -114,21 +125,28 @@ class Passes:
         program(self.device.queue, kernel, size, group, *converted)
 
     def run_raster(self, kernel: str, lists: TileLists, *args: Any, **options: int) -> None:
-        """Run a raster pass over a band's tiles: a work-item per tile, or per pixel of each."""
-        if self.device.mapping == "tile":
-            size, group, region = lists.last_tile - lists.first_tile, 1, self.tile_size
-        else:
-            size, group, region = (lists.last_tile - lists.first_tile) * self.tile_size**2, PIXEL_GROUP, 1
+        """Run a raster pass over a band's tiles: a work-item per tile, or per pixel of each.
+
+        Where a few tiles hold many splats, a work-item takes a quarter of a tile, for the other cores to help.
+        """
+        num_tiles, group, region = lists.last_tile - lists.first_tile, 1, self.tile_size
+        if self.device.mapping == "pixel":
+            group, region = PIXEL_GROUP, 1
+        elif num_tiles < FEW_TILES and lists.begin[-1] > MANY_ENTRIES * num_tiles:
+            region = self.tile_size // 2
+        size = num_tiles * (self.tile_size // region) ** 2
         self.run(kernel, (size,), *args, group=group, REGION=region, **options)
 
     def image(self, channels: int = 1, dtype: Any = None) -> Any:
         """Return a new image buffer of (H, W, channels)."""
-        return self.device.buffer(self.num_pixels * channels * np.dtype(dtype or self.real).itemsize)
+        return self.device.image(self.num_pixels, channels * np.dtype(dtype or self.real).itemsize)
 
     def constant(self, array: NDArray[Any]) -> Any:
         """Return `array` as a buffer on the device."""
         import pyopencl as cl
 
+        if not array.size:
+            return self.device.buffer(0)
         flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
         return cl.Buffer(self.device.context, flags, hostbuf=np.ascontiguousarray(array))
 
@@ -143,6 +161,7 @@ class Passes:
         for name, value in exact.items():
             view[f"{name}_hi"] = value
             view[f"{name}_lo"] = value - view[f"{name}_hi"].astype(np.float64)
+        view["reach"] = np.abs(translation).sum()
         view["near"], view["far"] = camera.near, camera.far
         view["prefilter_radius"] = self.settings.prefilter_radius
         view["width"], view["height"] = camera.width, camera.height
@@ -152,49 +171,80 @@ class Passes:
         return self.constant(view)
 
 
-def project(passes: Passes, view: Any, splats: ResidentSplats) -> ProjectedSplats:
-    """Project, cull and bound every splat; count the splats of each chunk in each tile (kernels/project.cl)."""
-    device, num_tiles = passes.device, passes.num_tiles
-    per_chunk = max(-(-splats.num_splats // MAX_CHUNKS), MIN_CHUNK)
+def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists]:
+    """List the splats that may touch each tile, a band of tiles at a time to bound memory (kernels/bin.cl)."""
+    device, num_tiles, tiles_x = passes.device, passes.num_tiles, passes.tiles_x
+    # No more counts than splats, where the image is large.
+    per_chunk = max(-(-splats.num_splats // MAX_CHUNKS), MIN_CHUNK, min(num_tiles, splats.num_splats))
     chunk_size = -(-per_chunk // PLANE_PAD) * PLANE_PAD
     num_chunks = -(-splats.num_splats // chunk_size)
-    records = device.scratch("records", splats.num_splats * passes.dtypes["ProjectedSplat"].itemsize)
-    attributes = device.scratch("attributes", splats.num_splats * passes.dtypes["SplatAttributes"].itemsize)
-    num_survivors = device.scratch("num_survivors", num_chunks * 4)
+    spread = _spread(num_chunks)
+    listed = device.scratch("listed", splats.num_splats * passes.dtypes["TouchedTiles"].itemsize)
+    num_listed = device.scratch("num_listed", num_chunks * 4)
     tile_counts = device.scratch("tile_counts", num_chunks * num_tiles * 4)
-    outputs = (records, attributes, num_survivors, tile_counts)
     passes.run(
-        "project", (num_chunks,), view, splats.center, splats.center_low or splats.center, splats.tangent_u,
-        splats.tangent_v, splats.color, splats.num_splats, splats.stride, chunk_size, *outputs, passes.tiles_x,
-        num_tiles, CENTER_LOW=int(splats.center_low is not None),
+        "bin_count", (num_chunks,), view, splats.center, splats.tangent_u, splats.tangent_v, splats.num_splats,
+        splats.stride, spread, chunk_size, tiles_x, num_tiles, listed, num_listed, tile_counts,
     )  # fmt: skip
-    return ProjectedSplats(*outputs, num_chunks, chunk_size, passes.tiles_x, num_tiles)
-
-
-def bin(passes: Passes, projected: ProjectedSplats) -> Iterator[TileLists]:
-    """Sort the records into one run per tile, a band of tiles at a time to bound memory (kernels/bin.cl)."""
-    device, dtypes = passes.device, passes.dtypes
-    num_chunks, num_tiles = projected.num_chunks, projected.num_tiles
     totals_buffer = device.scratch("tile_totals", num_tiles * 4)
-    passes.run("bin_totals", (num_tiles,), projected.tile_counts, totals_buffer, num_chunks, num_tiles, LANES=1)
+    passes.run("bin_offsets", (num_tiles,), tile_counts, totals_buffer, num_chunks, num_tiles)
     totals = device.read(totals_buffer, (num_tiles,), np.int32)
-    for first, last in bands(totals):
-        begin = np.concatenate([[0], np.cumsum(totals[first:last])]).astype(np.int32)
-        begin_buffer = passes.constant(begin)
-        records = device.scratch("run_records", int(begin[-1]) * dtypes["ProjectedSplat"].itemsize)
-        attributes = device.scratch("run_attributes", int(begin[-1]) * dtypes["SplatAttributes"].itemsize)
+    for first, last in bands(totals, MAX_LIST_ENTRIES):
+        begin = _starts(totals[first:last])
+        ids = device.scratch("ids", int(begin[-1]) * 4)
         passes.run(
-            "bin_offsets", (last - first,), projected.tile_counts, begin_buffer, num_chunks, num_tiles, first, LANES=1
-        )
-        passes.run(
-            "bin_scatter", (num_chunks,), projected.records, projected.attributes, projected.num_survivors,
-            projected.chunk_size, projected.tile_counts, records, attributes, projected.tiles_x, num_tiles,
-            first, last, LANES=1,
+            "bin_scatter", (num_chunks,), listed, num_listed, spread, chunk_size, tile_counts, passes.constant(begin),
+            ids, tiles_x, num_tiles, first, last,
         )  # fmt: skip
-        yield TileLists(records, attributes, begin, begin_buffer, first, last, projected.tiles_x)
+        for a, b in bands(totals[first:last], MAX_BAND_RECORDS):
+            own = begin[a : b + 1] - begin[a]
+            yield TileLists(ids, int(begin[a]), own, passes.constant(own), first + a, first + b)
 
 
-def bands(totals: NDArray[np.int32], max_records: int = MAX_BAND_RECORDS) -> Iterator[tuple[int, int]]:
+def in_order(passes: Passes, num_splats: int) -> Iterator[TileLists]:
+    """List all splats as if for one tile, so many at a time: what checks and explains wants every splat once."""
+    for start in range(0, max(num_splats, 1), MAX_BAND_RECORDS):
+        yield listed(passes, np.arange(start, min(start + MAX_BAND_RECORDS, num_splats), dtype=np.int32))
+
+
+def listed(passes: Passes, ids: NDArray[np.int32]) -> TileLists:
+    """Return given splats as the list of a tile."""
+    begin = np.array([0, len(ids)], np.int32)
+    return TileLists(passes.constant(ids), 0, begin, passes.constant(begin), 0, 1)
+
+
+def _spread(num: int) -> int:
+    """Return a step that visits all of `num` chunks, each far from the one before.
+
+    PoCL gives half of what is left to the first free core, and neighbouring chunks may all be culled, or none.
+    """
+    return next(step for step in range(max(num * 5 // 8, 1), 2 * num + 2) if gcd(step, num) == 1)
+
+
+def _starts(lengths: NDArray[np.int32]) -> NDArray[np.int32]:
+    return np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+
+
+def project(passes: Passes, view: Any, splats: ResidentSplats, lists: TileLists) -> ProjectedSplats:
+    """Project, cull and bound the splat of each entry (kernels/project.cl)."""
+    num_entries = int(lists.begin[-1])
+    sizes = {
+        "records": passes.dtypes["ProjectedSplat"].itemsize,
+        "attributes": passes.dtypes["SplatAttributes"].itemsize,
+        "boxes": 8,
+        "disc_near_z": passes.real.itemsize,
+        "near_z": passes.real.itemsize,
+    }
+    buffers = [passes.device.scratch(name, (num_entries + PLANE_PAD) * size) for name, size in sizes.items()]
+    passes.run(
+        "project", (-(-num_entries // ENTRIES_PER_ITEM),), view, splats.splats, splats.center_low or splats.splats,
+        lists.ids, lists.start, num_entries, *buffers, ENTRIES=ENTRIES_PER_ITEM,
+        CENTER_LOW=int(splats.center_low is not None),
+    )  # fmt: skip
+    return ProjectedSplats(*buffers)
+
+
+def bands(totals: NDArray[np.int32], max_records: int) -> Iterator[tuple[int, int]]:
     """Cut the tiles into consecutive ranges of at most `max_records` records, at least one tile each."""
     ends = np.cumsum(totals, dtype=np.int64)
     first, done = 0, 0
@@ -210,24 +260,31 @@ def frame_buffers(passes: Passes) -> tuple[DepthBuffer, GBuffer]:
     return depth, GBuffer(passes.image(), passes.image(3), passes.image(3), passes.image(), passes.image(dtype="u4"))
 
 
-def visibility(passes: Passes, lists: TileLists, depth: DepthBuffer) -> None:
+def visibility(passes: Passes, lists: TileLists, projected: ProjectedSplats, depth: DepthBuffer) -> None:
     """Fill the band's part of `depth`: the nearest disc of each pixel (kernels/visibility.cl)."""
     camera = passes.camera
     passes.run_raster(
-        "visibility", lists, lists.records, lists.begin_buffer, lists.first_tile, lists.tiles_x, camera.width,
-        camera.height, camera.near, camera.far, depth.depth, depth.particleid,
+        "visibility", lists, projected.records, projected.disc_near_z, lists.ids, lists.start, lists.begin_buffer,
+        lists.first_tile, passes.tiles_x,
+        camera.width, camera.height, camera.near, camera.far, depth.depth, depth.particleid,
     )  # fmt: skip
 
 
 def attributes(
-    passes: Passes, view: Any, lists: TileLists, depth: DepthBuffer, epsilon: float, gbuffer: GBuffer
+    passes: Passes,
+    view: Any,
+    lists: TileLists,
+    projected: ProjectedSplats,
+    depth: DepthBuffer,
+    epsilon: float,
+    gbuffer: GBuffer,
 ) -> None:
     """Fill the band's part of `gbuffer`: sums over fragments within `epsilon` of `depth` (kernels/attributes.cl)."""
     arguments, options = fragment_arguments(passes, epsilon)
     passes.run_raster(
-        "attributes", lists, view, lists.records, lists.attributes, lists.begin_buffer, lists.first_tile,
-        lists.tiles_x, *arguments, depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum,
-        gbuffer.depth_sum, gbuffer.count, **options,
+        "attributes", lists, view, projected.records, projected.attributes, projected.boxes, projected.near_z,
+        lists.begin_buffer, lists.first_tile, passes.tiles_x, *arguments, depth.depth, gbuffer.weight_sum,
+        gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum, gbuffer.count, **options,
     )  # fmt: skip
 
 
@@ -267,8 +324,8 @@ def resolve(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> 
 
 
 def _run_shade(passes: Passes, kernel: str, *args: Any) -> None:
-    size = (passes.camera.width, passes.camera.height)
-    passes.run(kernel, size, *args, LANES=1, SHADER=f'"{passes.settings.shader}.h"')
+    size = (-(-passes.camera.width // passes.lanes), passes.camera.height)
+    passes.run(kernel, size, *args, SHADER=f'"{passes.settings.shader}.h"')
 
 
 def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:

@@ -11,13 +11,16 @@ from numpy.typing import NDArray
 
 from splatcl import pipeline
 from splatcl.camera import Camera
-from splatcl.pipeline import Passes, ProjectedSplats
+from splatcl.pipeline import Passes, TileLists
 from splatcl.render import Renderer, Resident
+from splatcl.resident import ResidentSplats
 from splatcl.settings import RenderSettings
 
 Array = NDArray[Any]
 REACH = 1.25
 """A splat is nearly at a pixel if its disc or its pre-filter's, this many times as large, covers the pixel."""
+CHUNK = 4096
+"""Records that a work-item looks through."""
 HIT, OUT, EXISTS, ACCEPTED, EDGE_ON = 1, 2, 4, 8, 16
 """Bits of ProbedSplat.state (kernels/probe.cl)."""
 CULLED, UNSEEN, MISSED = "culled", "out of near..far", "missed"
@@ -44,17 +47,17 @@ def at_pixel(
     for reason, wider_camera, wider_settings in _projections(camera, settings):
         passes, on_device = renderer.prepare(resident, wider_camera, wider_settings)
         view = passes.view(on_device.origin)
-        projected = pipeline.project(passes, view, on_device)
-        places = _places(passes, projected, on_device.num_splats, pixel)
-        at = (passes.constant(places), len(places) - 1, *pixel, camera.near, camera.far, depth)
+        near = _nearby(passes, view, on_device, pixel)
+        projected = pipeline.project(passes, view, on_device, near)
+        num = int(near.begin[-1])
+        at = (projected.records, near.ids, num, *pixel, camera.near, camera.far, depth)
         if not reason:
-            passes.run("probe_depth", (1,), projected.records, *at, particleid, **OPTIONS)
+            passes.run("probe_depth", (1,), *at, particleid, **OPTIONS)
         arguments, options = pipeline.fragment_arguments(passes, resident.epsilon(settings))
         options["PREFILTER"] = int(settings.prefilter == "min")
-        output = device.buffer(len(places) * passes.dtypes["ProbedSplat"].itemsize)
-        inputs = (view, projected.records, projected.attributes)
-        passes.run("probe_rows", (1,), *inputs, *at, *arguments, output, **OPTIONS | options)
-        found = device.read(output, (len(places) - 1,), passes.dtypes["ProbedSplat"])
+        output = device.buffer(num * passes.dtypes["ProbedSplat"].itemsize)
+        passes.run("probe_rows", (1,), view, projected.attributes, *at, *arguments, output, **OPTIONS | options)
+        found = device.read(output, (num,), passes.dtypes["ProbedSplat"])
         rows[reason] = found[~np.isin(found["id"], known)]
         known = np.union1d(known, found["id"])
     z, front = device.read(depth, (1,), passes.real), device.read(particleid, (1,), np.uint32)
@@ -77,15 +80,17 @@ def _projections(camera: Camera, settings: RenderSettings) -> Iterator[tuple[str
         yield MISSED, camera, replace(settings, prefilter="min")
 
 
-def _places(passes: Passes, projected: ProjectedSplats, num_splats: int, pixel: tuple[int, int]) -> NDArray[np.int32]:
-    """Return where the records are of the splats that are nearly at the pixel, and a last -1."""
-    device, num_chunks = passes.device, projected.num_chunks
-    places, num_places = device.buffer(num_splats * 4), device.buffer(num_chunks * 4)
-    passes.run(
-        "probe_select", (num_chunks,), projected.records, projected.attributes, projected.num_survivors,
-        projected.chunk_size, *pixel, REACH, passes.settings.prefilter_radius**-2, places, num_places, **OPTIONS,
-    )  # fmt: skip
-    counts, found = device.read(num_places, (num_chunks,), np.int32), device.read(places, (num_splats,), np.int32)
-    starts = np.arange(num_chunks) * projected.chunk_size
-    runs = (found[start : start + count] for start, count in zip(starts, counts, strict=True))
-    return np.concatenate([*runs, np.full(1, -1, np.int32)])
+def _nearby(passes: Passes, view: Any, splats: ResidentSplats, pixel: tuple[int, int]) -> TileLists:
+    """List the splats that are nearly at the pixel."""
+    device, found = passes.device, [np.zeros(0, np.int32)]
+    for lists in pipeline.in_order(passes, splats.num_splats):
+        projected, num = pipeline.project(passes, view, splats, lists), int(lists.begin[-1])
+        num_chunks = -(-num // CHUNK)
+        ids, counts = device.buffer(num * 4), device.buffer(num_chunks * 4)
+        passes.run(
+            "probe_select", (num_chunks,), projected.records, projected.attributes, projected.near_z, lists.ids, num,
+            CHUNK, *pixel, REACH, passes.settings.prefilter_radius**-2, ids, counts, **OPTIONS,
+        )  # fmt: skip
+        lengths, places = device.read(counts, (num_chunks,), np.int32), device.read(ids, (num,), np.int32)
+        found += [places[i * CHUNK : i * CHUNK + length] for i, length in enumerate(lengths)]
+    return pipeline.listed(passes, np.concatenate(found))

@@ -142,11 +142,11 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
     passes, on_device = renderer.prepare(resident, camera, settings)
     epsilon = resident.epsilon(settings)
     view = passes.view(on_device.origin)
-    projected = pipeline.project(passes, view, on_device)
     depth, gbuffer = pipeline.frame_buffers(passes)
-    for lists in pipeline.bin(passes, projected):
-        pipeline.visibility(passes, lists, depth)
-        pipeline.attributes(passes, view, lists, depth, epsilon, gbuffer)
+    for lists in pipeline.bin(passes, view, on_device):
+        projected = pipeline.project(passes, view, on_device, lists)
+        pipeline.visibility(passes, lists, projected, depth)
+        pipeline.attributes(passes, view, lists, projected, depth, epsilon, gbuffer)
     color = pipeline.shade(passes, view, depth, gbuffer)
     aovs = DeviceAovs(passes, view, depth, gbuffer, color)
     metadata = {
@@ -214,7 +214,7 @@ def default_renderer(device: str | int | None = None) -> Renderer:
 def render(
     splats: Splats, camera: Camera, settings: RenderSettings | None = None, *, device: str | int | None = None
 ) -> Frame:
-    """Render splats: project, bin, visibility, attributes, shade ([BHZK05] figure 1).
+    """Render splats: bin, project, visibility, attributes, shade ([BHZK05] figure 1).
 
     Parameters
     ----------

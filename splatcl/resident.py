@@ -1,4 +1,4 @@
-"""Splats on the device: planes of coordinates near an origin, uploaded once for many frames."""
+"""Splats on the device, near an origin, uploaded once for many frames."""
 
 from __future__ import annotations
 
@@ -15,44 +15,47 @@ from splatcl.splats import Splats
 if TYPE_CHECKING:
     from splatcl.device import DeviceQueue
 
-ATTRIBUTE_PLANES = ("center", "tangent_u", "tangent_v", "color")
 PLANE_PAD = 16
 """Planes are padded to the widest vector, so that the last one may be read whole."""
 
 
 @dataclass(frozen=True)
 class ResidentSplats:
-    """Splats on the device, as planes relative to `origin` (world space, float64).
+    """Splats on the device, relative to `origin` (world space, float64).
 
-    `center_low` is what single precision leaves of float64 centres, None where that is nothing.
+    The geometry lies twice: as planes of x, y, z, which binning streams, and splat by splat with the colour
+    (layout.py, Splat), which the projection fetches in the order of the tile lists. `center_low` is what single
+    precision leaves of float64 centres, splat by splat, None where that is nothing.
     """
 
     center: Any
-    center_low: Any
     tangent_u: Any
     tangent_v: Any
-    color: Any
+    splats: Any
+    center_low: Any
     origin: NDArray[np.float64]
     num_splats: int
     stride: int
 
 
 def upload(device: DeviceQueue, splats: Splats, precision: Precision) -> ResidentSplats:
-    """Copy splats to the device as planes of x, y, z (or r, g, b), relative to an origin near them."""
+    """Copy splats to the device, relative to an origin near them."""
     real = np.dtype(REAL[precision])
     origin = near_origin(splats.center)
     num = len(splats)
     stride = -(-max(num, 1) // PLANE_PAD) * PLANE_PAD
-    arrays = {name: getattr(splats, name) for name in ATTRIBUTE_PLANES}
-    if origin.any():
-        arrays["center"] = arrays["center"] - origin
-    rest = arrays["center"] - arrays["center"].astype(real)
+    center = splats.center - origin if origin.any() else splats.center
+    geometry = {"center": center, "tangent_u": splats.tangent_u, "tangent_v": splats.tangent_v}
     buffers: dict[str, Any] = {"center_low": None}
-    for name, values in (arrays | {"center_low": rest} if rest.any() else arrays).items():
+    for name, values in geometry.items():
         planes = np.zeros((3, stride), real)
         planes[:, :num] = values.T
-        buffers[name] = device.buffer(planes.nbytes)
-        device.write(buffers[name], planes)
+        buffers[name] = device.upload(planes)
+    together = [np.asarray(values, real) for values in (*geometry.values(), splats.color)]
+    buffers["splats"] = device.upload(np.hstack(together) if num else np.zeros(12, real))
+    rest = center - center.astype(real)
+    if rest.any():
+        buffers["center_low"] = device.upload(np.ascontiguousarray(rest, real))
     return ResidentSplats(**buffers, origin=origin, num_splats=num, stride=stride)
 
 

@@ -11,6 +11,8 @@ from splatcl import oracle, pipeline
 from splatcl.pipeline import DepthBuffer, GBuffer, Passes
 from splatcl.resident import upload
 
+BOX = ("x_min", "y_min", "x_max", "y_max")
+
 
 @dataclass(frozen=True)
 class Runs:
@@ -32,40 +34,48 @@ class DevicePasses:
         self.view = self.passes.view(self.splats.origin)
 
     def project(self):
-        """Return the surviving records and their attributes, in the order they were written."""
-        self._projected = p = pipeline.project(self.passes, self.view, self.splats)
-        survivors = self.device.read(p.num_survivors, (p.num_chunks,), np.int32)
-        places = [np.arange(n) + chunk * p.chunk_size for chunk, n in enumerate(survivors)]
-        places = np.concatenate([np.zeros(0, np.int64), *places])
-        return tuple(
-            self.device.read(buffer, (self.splats.num_splats,), self.passes.dtypes[name])[places]
-            for buffer, name in ((p.records, "ProjectedSplat"), (p.attributes, "SplatAttributes"))
-        )
+        """Return the records and attributes of the splats that touch a pixel, in splat order.
+
+        Fields of `records` are those of ProjectedSplat, the bounds the ones of the pre-filter as well, and `id`.
+        """
+        parts = [self._read(lists) for lists in pipeline.in_order(self.passes, self.splats.num_splats)]
+        records, attributes = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        drawn = records["x_min"] <= records["x_max"]
+        return records[drawn], attributes[drawn]
 
     def bin(self):
         """Return `Runs` for each tile in row-major order, and the bands they were made in."""
         runs, bands = [], []
-        for lists in pipeline.bin(self.passes, self._projected):
+        for lists in pipeline.bin(self.passes, self.view, self.splats):
             begin = self.device.read(lists.begin_buffer, lists.begin.shape, np.int32)
             np.testing.assert_array_equal(begin, lists.begin)
-            read = [
-                self.device.read(buffer, (int(begin[-1]),), self.passes.dtypes[name])
-                for buffer, name in ((lists.records, "ProjectedSplat"), (lists.attributes, "SplatAttributes"))
-            ]
+            read = self._read(lists)
             runs += [Runs(*(array[a:b] for array in read)) for a, b in pairwise(begin)]
             bands.append((lists.first_tile, lists.last_tile))
         return runs, bands
 
+    def _read(self, lists):
+        """Return what the projection makes of each entry of the lists."""
+        num, read, dtypes = int(lists.begin[-1]), self.device.read, self.passes.dtypes
+        p = pipeline.project(self.passes, self.view, self.splats, lists)
+        projected = read(p.records, (num,), dtypes["ProjectedSplat"])
+        names = [name for name in projected.dtype.names if name != "pad"]
+        records = np.zeros(num, [("id", "u4"), *((name, projected.dtype[name]) for name in names)])
+        for name in names:
+            records[name] = projected[name]
+        records["id"] = read(lists.ids, (lists.start + num,), np.uint32)[lists.start :]
+        for name, column in zip(BOX, read(p.boxes, (num, 4), np.int16).T, strict=True):
+            records[name] = column
+        return records, read(p.attributes, (num,), dtypes["SplatAttributes"])
+
     def raster(self):
         """Run everything up to the attribute pass; return its outputs by the names of the dataclasses' fields."""
-        image, u4 = self.passes.image, np.dtype("u4")
-        depth = DepthBuffer(image(), image(dtype=u4))
-        gbuffer = GBuffer(image(), image(3), image(3), image(), image(dtype=u4))
-        projected = pipeline.project(self.passes, self.view, self.splats)
-        for lists in pipeline.bin(self.passes, projected):
-            pipeline.visibility(self.passes, lists, depth)
-            pipeline.attributes(self.passes, self.view, lists, depth, self.epsilon, gbuffer)
-        return {name: self._read(name, value) for name, value in (vars(depth) | vars(gbuffer)).items()}
+        depth, gbuffer = pipeline.frame_buffers(self.passes)
+        for lists in pipeline.bin(self.passes, self.view, self.splats):
+            projected = pipeline.project(self.passes, self.view, self.splats, lists)
+            pipeline.visibility(self.passes, lists, projected, depth)
+            pipeline.attributes(self.passes, self.view, lists, projected, depth, self.epsilon, gbuffer)
+        return {name: self._image(name, value) for name, value in (vars(depth) | vars(gbuffer)).items()}
 
     def shade(self, sums):
         """Shade and resolve a G-buffer that the test wrote; `sums` has the names of the dataclasses' fields."""
@@ -74,11 +84,11 @@ class DevicePasses:
         gbuffer = GBuffer(**buffers, count=None)
         color = pipeline.shade(self.passes, self.view, depth, gbuffer)
         resolved = pipeline.resolve(self.passes, self.view, depth, gbuffer)
-        return {"color": self._read("color", color, 4)} | {
-            name: self._read(name, buffer) for name, buffer in resolved.items()
+        return {"color": self._image("color", color, 4)} | {
+            name: self._image(name, buffer) for name, buffer in resolved.items()
         }
 
-    def _read(self, name, buffer, channels=None):
+    def _image(self, name, buffer, channels=None):
         vectors = ("color_sum", "normal_sum", "P", "N", "albedo")
         channels = channels or (3 if name in vectors else 1)
         dtype = np.dtype("u4") if name in ("particleid", "count") else self.passes.real

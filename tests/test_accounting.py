@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ from scenes import CAMERAS, EPSILON, VIEWS
 from test_probe import SETTINGS
 
 import splatcl
-from splatcl import RenderSettings, accounting, pipeline
+from splatcl import RenderSettings, pipeline
 from splatcl.accounting import Check, color_bound
 from splatcl.cli import FAILED, main
 from splatcl.frame import Frame
@@ -31,8 +30,8 @@ def failures(frame):
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize(("scene_name", "camera_name"), VIEWS)
 def test_every_scene_adds_up(renderer, scene_name, camera_name, precision):
-    """Mutations that fail here: ``tx < record.x_max / TILE`` in bin.cl and project.cl together (a copy short), the last
-    block of a range left out in attributes.cl, every 64th survivor left out in project.cl."""
+    """Mutations that fail here: ``x < l.x_last`` in bin_count and bin_scatter together (an entry short), ``x + 1 <
+    across`` in attributes.cl's small boxes, every 64th splat left out in bin_count."""
     settings = RenderSettings(epsilon=EPSILON, precision=precision)
     assert failures(renderer.render(scene(scene_name), CAMERAS[camera_name], settings)) == []
 
@@ -58,7 +57,8 @@ def test_the_numbers_are_in_the_details_and_the_metadata(renderer):
 
 def test_bands_of_tiles_add_up(renderer, monkeypatch):
     """Every tile in a band of its own."""
-    monkeypatch.setattr(pipeline, "bands", partial(pipeline.bands, max_records=1))
+    bands = pipeline.bands
+    monkeypatch.setattr(pipeline, "bands", lambda totals, _: bands(totals, 1))
     assert failures(renderer.render(scene("layers"), *VIEW)) == []
 
 
@@ -123,44 +123,68 @@ def rewrite(device, buffer, shape, dtype, change):
 def test_a_lost_splat_is_seen(renderer, monkeypatch):
     frame = renderer.render(scene("sphere"), *VIEW)
 
-    def lose_the_last(args, projected):
-        def one_less(counts):
-            counts[0] -= 1
+    def lose_one(args, projected):
+        def empty(boxes):
+            boxes[np.argmax(boxes[:, 0] <= boxes[:, 2])] = (1, 0, 0, 0)
 
-        rewrite(args[0].device, projected.num_survivors, (projected.num_chunks,), np.int32, one_less)
+        rewrite(args[0].device, projected.boxes, (int(args[3].begin[-1]), 4), np.int16, empty)
         return projected
 
-    spoiled(monkeypatch, "project", lose_the_last)
+    spoiled(monkeypatch, "project", lose_one)
     assert "splats" in failures(frame)
 
 
-@pytest.mark.parametrize("fault", ["twice", "swapped"])
-def test_a_record_twice_or_out_of_order_is_seen(renderer, monkeypatch, fault):
-    frame = renderer.render(scene("sphere"), *VIEW)
+def spoiled_lists(monkeypatch, change):
+    """Let `change` spoil the (N,) ids of the longest list of each band."""
 
     def spoil(args, bands):
-        passes = args[0]
         for lists in bands:
             run = int(np.argmax(np.diff(lists.begin)))
-            first = int(lists.begin[run])
-
-            def change(records, first=first):
-                two = records[first : first + 2].copy()
-                records[first : first + 2] = two[[0, 0]] if fault == "twice" else two[::-1]
-
-            dtype = passes.dtypes["ProjectedSplat"]
-            rewrite(passes.device, lists.records, (int(lists.begin[-1]),), dtype, change)
+            own = slice(*(lists.start + lists.begin[run : run + 2]))
+            rewrite(args[0].device, lists.ids, (own.stop,), np.int32, lambda ids, own=own: change(ids[own]))
             yield lists
 
     spoiled(monkeypatch, "bin", spoil)
+
+
+@pytest.mark.parametrize("fault", ["twice", "swapped"])
+def test_a_splat_twice_or_out_of_order_is_seen(renderer, monkeypatch, fault):
+    frame = renderer.render(scene("sphere"), *VIEW)
+
+    def change(ids):
+        ids[:2] = ids[[0, 0]] if fault == "twice" else ids[[1, 0]]
+
+    spoiled_lists(monkeypatch, change)
     assert "binning" in failures(frame)
 
 
-def test_a_wrong_tile_count_is_seen(renderer, monkeypatch):
+def test_a_splat_that_a_list_lacks_is_seen(renderer, monkeypatch):
     frame = renderer.render(scene("sphere"), *VIEW)
-    counts = accounting._tile_counts
-    monkeypatch.setattr(accounting, "_tile_counts", lambda *args: counts(*args) + (np.arange(args[1].num_tiles) == 3))
-    assert failures(frame) == ["binning"]
+
+    def name_the_next(ids):
+        gap = np.flatnonzero(np.diff(ids) > 1)
+        ids[gap] += 1
+
+    spoiled_lists(monkeypatch, name_the_next)
+    assert "binning" in failures(frame)
+
+
+def test_another_record_in_a_tile_is_seen(renderer, monkeypatch):
+    frame = renderer.render(scene("sphere"), *VIEW)
+
+    def next_number(args, projected):
+        passes, lists = args[0], args[3]
+
+        def change(records):
+            records["u_x"] = np.nextafter(records["u_x"], np.float32(np.inf))
+
+        if lists.last_tile > 1:  # not the projection without tiles
+            dtype = passes.dtypes["ProjectedSplat"]
+            rewrite(passes.device, projected.records, (int(lists.begin[-1]),), dtype, change)
+        return projected
+
+    spoiled(monkeypatch, "project", next_number)
+    assert "binning" in failures(frame)
 
 
 def test_a_fragment_too_many_is_seen(renderer, monkeypatch):

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from agreement import assert_attributes_agree, reference, scene
 from passes import DevicePasses
-from scenes import CAMERAS, EPSILON, VIEWS
+from scenes import CAMERAS, EPSILON, SIZE, VIEWS, frames, log_uniform, make
 
-from splatcl import RenderSettings
+from splatcl import Camera, RenderSettings, Splats
+from splatcl import device as devices
 
 TABLE = {"kernel": "table", "kernel_table": (1.0, 0.9, 0.4, 0.15, 0.1)}
 KERNELS = {
@@ -113,3 +114,56 @@ def test_more_seeds(device, scene_name, seed):
         got = DevicePasses(device, scene(scene_name, seed), CAMERAS[camera_name], settings).raster()
         want = reference(scene_name, camera_name, settings, seed)
         assert_attributes_agree(got, want, settings, scene_name)
+
+
+SKIP, TAKE = "num += near_z[i] <= farthest;", "num += near_z[i] == near_z[i];"
+
+
+def skewed(camera, seed=0, num=400):
+    """Needles given by nearly parallel tangents; their tips are in view, just behind a backdrop at z = 2."""
+    rng = np.random.default_rng(seed)
+    normal = rng.normal(size=(num, 3)) * np.concatenate([np.ones((num, 2)), log_uniform(rng, 0.1, 100, num)], axis=1)
+    radius, (u, v) = log_uniform(rng, 1e-3, 0.4, num), frames(normal)
+    turned = rng.uniform(0, 2 * np.pi, (num, 1))
+    u, v = (radius * (u * np.cos(turn) + v * np.sin(turn)) for turn in (turned, turned + np.pi / 2))
+    v = v * log_uniform(rng, 1e-6, 1e-2, num) + u * rng.uniform(-2, 2, (num, 1))
+    angle = np.arctan2(v[:, 2:], u[:, 2:])
+    tip = rng.uniform(0, 1, (num, 2)) * [camera.width, camera.height] - [camera.cx, camera.cy]
+    tip = tip / camera.fx * (2 if camera.projection == "perspective" else 1)
+    tip = np.column_stack([tip, np.full(num, 2 + 10.0 ** rng.uniform(-5, -3))])
+    center = tip + u * np.cos(angle) + v * np.sin(angle)
+    backdrop = [0, 0, 2], [1, 0, 0], [0, 1, 0]
+    return make(rng, *(np.vstack(rows) for rows in zip((center, u, v), backdrop, strict=True)))
+
+
+def close_up(focal, projection):
+    return Camera(np.eye(4), focal, focal, 25, 18, near=0.125, projection=projection, **SIZE)
+
+
+@pytest.mark.parametrize("choices", [{}, {"prefilter": "none"}, {"precision": "double"}], ids=str)
+def test_records_that_are_too_far_add_nothing(device, monkeypatch, choices):
+    """Mutations: `near_z` a thousandth of the reach too far; c.z - reach less SLACK_* for its rounding."""
+    cases = [(scene(s), CAMERAS[c]) for s, c in VIEWS]
+    for focal, projection, seed in product([1e3, 1e4, 1e5], ["perspective", "orthographic"], range(8)):
+        camera = close_up(focal, projection)
+        cases.append((skewed(camera, seed), camera))
+    settings = RenderSettings(epsilon=0.0, **choices)
+    skipping = [DevicePasses(device, *case, settings, tile_size=8).raster() for case in cases]
+    inlined = devices.inline_source
+    monkeypatch.setattr(devices, "inline_source", lambda *a: inlined(*a).replace(SKIP, TAKE))
+    other = devices.DeviceQueue()
+    for case, got in zip(cases, skipping, strict=True):
+        want = DevicePasses(other, *case, settings, tile_size=8).raster()
+        assert all(got[name].tobytes() == want[name].tobytes() for name in want)
+
+
+def test_tangents_that_rounding_makes_parallel(renderer):
+    """They have no normal; the pre-filter still shows them, and nothing is NaN. Mutation: a normal of 0 / 0."""
+    rng = np.random.default_rng(0)
+    u = rng.uniform(-0.1, 0.1, (500, 3)).astype("f4")
+    v = (u * rng.uniform(0.5, 2, (500, 1))).astype("f4")
+    splats = Splats(rng.uniform(-1, 1, (500, 3)).astype("f4"), u, v, on_invalid="drop")
+    for camera in CAMERAS["off_center"], CAMERAS["orthographic"]:
+        frame = renderer.render(splats, camera, RenderSettings(epsilon=10.0))
+        assert not any(np.isnan(frame[name]).any() for name in frame)
+        assert [check.name for check in frame.check() if not check.passed] == []

@@ -100,8 +100,8 @@ def test_no_platform_at_all_is_one_clear_error(monkeypatch):
 
 def test_a_build_error_names_the_real_file_and_line(monkeypatch):
     real = devices.inline_source
-    broken = "sums region_sums[BLOCKS];"
-    monkeypatch.setattr(devices, "inline_source", lambda *a: real(*a).replace(broken, "sums region_sums[BLOCKS] oops;"))
+    broken = "  target t;"
+    monkeypatch.setattr(devices, "inline_source", lambda *a: real(*a).replace(broken, "  target t oops;"))
     line = 1 + next(
         i
         for i, text in enumerate((devices.files("splatcl.kernels") / "attributes.cl").read_text().splitlines())

@@ -25,7 +25,10 @@ from splatcl.io.exr import read_exr
 SPLATS = splatcl.Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
 CAMERA = splatcl.Camera.look_at((0, 0, 3), (0, 0, 0), width=33, height=17)
 DIVISION = ("#define divide(a, b) ((a) / (b))", "#define divide(a, b) ((a) * (R(1.0) / (b)))")
-ROOT = ("#define square_root(x) sqrt(x)", "#define square_root(x) ((x) * rsqrt(x))")
+ROOT = (
+    "#if ON_POCL && LANES == 8 && !DOUBLE && defined(__AVX__)",
+    "#if 1\n#define square_root(x) ((x) * rsqrt(x))\n#elif 0",
+)
 
 MUTATIONS = {
     "multiply_add": ("RESULT(multiply_add, a * c + b)", "RESULT(multiply_add, fma(a, c, b))"),
@@ -41,7 +44,7 @@ MUTATIONS = {
     "less": ("RESULT_BITS(less, MASK(a < b))", "RESULT_BITS(less, ~MASK(a >= b))"),  # NaN
     "any": ("MASK(a < b) & MASK(c < d)) ?", "MASK(a < b)) ?"),
     "at_least": ("RESULT(at_least, at_least(a, b))", "RESULT(at_least, fmax(a, b))"),  # NaN
-    "magnitude": ("RESULT(magnitude, magnitude(a))", "RESULT(magnitude, fabs(a))"),  # -0
+    "magnitude": ("RESULT(magnitude, magnitude(a))", "RESULT(magnitude, SELECT(a, -a, MASK(a < R(0.0))))"),  # -0
     "to_int": ("= (int)((const real *)&a)[lane]", "= convert_int_rte(((const real *)&a)[lane])"),
     "from_bits": ("(real)((const bits *)&b)[lane]", "convert_float_rtz(((const bits *)&b)[lane])"),
     "shift_right": ("AS_BITS(a) >> (bits)MANTISSA", "(AS_BITS(a) >> (bits)MANTISSA) & (bits)511"),

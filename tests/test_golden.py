@@ -30,15 +30,22 @@ print(renderer._device.info.handle.max_compute_units, len(images), *golden.check
 """
 
 SUM = "h.u = (s->u_x * h.dx + s->u_y * h.dy) + s->u_1;"
-LOOP = "for (int i = begin; i < end; ++i) {\n    const ProjectedSplat s = records[i];\n    const SplatAttributes"
+QUEUED = "place[num] = i;\n    num += near_z[i] <= farthest;"
+ROOT = "#if ON_POCL && LANES == 8 && !DOUBLE && defined(__AVX__)"
 ROUNDINGS = {  # one rounding, or the order of two, and another in its place
     "association": ("(a.x * b.x + a.y * b.y) + a.z * b.z", "a.x * b.x + (a.y * b.y + a.z * b.z)"),
-    "order of sums": (LOOP, LOOP.replace("i = begin; i < end; ++i", "i = end - 1; i >= begin; --i")),
+    "order of sums": (
+        QUEUED,
+        "const int k = begin + end - 1 - i; " + QUEUED.replace("[i]", "[k]").replace("= i", "= k"),
+    ),
     "fma": (SUM, "h.u = fma((reals)s->u_x, h.dx, (reals)(s->u_y * h.dy)) + s->u_1;"),
     "contraction": ("#pragma OPENCL FP_CONTRACT OFF", "#pragma OPENCL FP_CONTRACT ON"),
     "library exp": ("return exp_negative(r2 * falloff);", "return exp(r2 * falloff);"),
-    "library pow": ("power(r_v < R(1.0) ? r_v : R(1.0), ", "pow(clamp(r_v, R(0.0), R(1.0)), "),
-    "inverse square root": ("#define square_root(x) sqrt(x)", "#define square_root(x) ((x) * rsqrt(x))"),
+    "library pow": (
+        "power(at_most(dot3(mirrored, s->to_eye), R(1.0)), ",
+        "pow(clamp(dot3(mirrored, s->to_eye), R(0.0), R(1.0)), (reals)",
+    ),
+    "inverse square root": (ROOT, f"#if LANES > 1\n#define square_root(x) ((x) * rsqrt(x))\n#elif {ROOT[4:]}"),
     "reciprocal": ("#define divide(a, b) ((a) / (b))", "#define divide(a, b) ((a) * ((real)1 / (b)))"),
 }
 
@@ -82,13 +89,13 @@ def test_the_default_device(renderer):
 
 @pytest.mark.parametrize("tile_size", [8, 32, 64])
 def test_tile_sizes(tile_size):
-    """Mutation: `min(REGION, 16) - 1` in place of `REGION - 1` in blocks_of."""
+    """Mutation: `least(REGION, 16) - 1` in place of `REGION - 1` in boxes_of."""
     assert golden.check(Renderer(tile_size=tile_size)) == []
 
 
 @pytest.mark.parametrize("lanes", [1, 4, 16])
 def test_lanes(lanes):
-    """Mutation: `h.dx = LANE_X + (((real)x - s->pixel_x) - s->offset_x)`, which rounds twice."""
+    """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in attributes.cl's large_box."""
     if lanes == 16 and "PoCL 3.0" in device.choose_device().version:
         with pytest.raises(DeviceError, match="cannot compile 16-wide square roots"):
             Renderer(lanes=lanes)
@@ -126,7 +133,14 @@ def test_chunks_and_bands(monkeypatch, least, most):
     bands = pipeline.bands
     monkeypatch.setattr(pipeline, "MIN_CHUNK", least)
     monkeypatch.setattr(pipeline, "MAX_CHUNKS", most)
-    monkeypatch.setattr(pipeline, "bands", lambda totals: bands(totals, 100))
+    monkeypatch.setattr(pipeline, "bands", lambda totals, _: bands(totals, 100))
+    assert golden.check(Renderer()) == []
+
+
+def test_quarters_of_tiles(monkeypatch):
+    """As where a few tiles hold most splats. Mutation: `part / REGIONS` in place of `part / REGIONS_X` in region_of."""
+    monkeypatch.setattr(pipeline, "FEW_TILES", 1000)
+    monkeypatch.setattr(pipeline, "MANY_ENTRIES", -1)
     assert golden.check(Renderer()) == []
 
 

@@ -63,7 +63,7 @@ def test_chunks_and_bands_change_no_bit(renderer, name, seed, camera, chosen, ch
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(pipeline, "MIN_CHUNK", chunk)
         patch.setattr(pipeline, "MAX_CHUNKS", max_chunks)
-        patch.setattr(pipeline, "bands", lambda totals: whole_bands(totals, band))
+        patch.setattr(pipeline, "bands", lambda totals, _: whole_bands(totals, band))
         assert_same_bits(whole, arrays(renderer.render(splats, camera, chosen)))
 
 

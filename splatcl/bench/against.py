@@ -6,6 +6,7 @@ import importlib.util
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,25 +33,34 @@ SECONDS = 90.0
 
 @dataclass(frozen=True)
 class Comparison:
-    """One scene rendered by both. `difference` is the mean absolute one of RGB where both draw something."""
+    """One scene rendered by both, `theirs` in the order given and sorted along a space-filling curve.
+
+    `difference` is the mean absolute one of RGB where both draw something.
+    """
 
     num_splats: int
     facing: Facing
     renderer_name: str
     ours: Spread
     theirs: Spread
+    theirs_sorted: Spread
     difference: float
     coverage_differs: float
 
     @property
     def ratio(self) -> float:
-        """How many times as fast splatcl is: of the medians."""
+        """How many times as fast splatcl is, for splats in the same order: of the medians."""
         return self.theirs.median / self.ours.median
+
+    @property
+    def ratio_sorted(self) -> float:
+        """The same where the other has sorted the splats first, which is not timed."""
+        return self.theirs_sorted.median / self.ours.median
 
     def as_json(self) -> dict[str, Any]:
         """Return everything; times in seconds."""
-        times = {"ours": self.ours.as_json(), "theirs": self.theirs.as_json(), "ratio": self.ratio}
-        return vars(self) | times
+        times = {name: getattr(self, name).as_json() for name in ("ours", "theirs", "theirs_sorted")}
+        return vars(self) | times | {"ratio": self.ratio, "ratio_sorted": self.ratio_sorted}
 
 
 def load_backend(path: Path) -> Any:
@@ -80,7 +90,7 @@ def compare(renderer: Renderer, backend_class: Any, sizes: Sequence[int], frames
     ----------
     renderer : Renderer
     backend_class : type
-        ``Backend(splats)`` with ``draw(camera, settings)``, which waits for the frame's end, ``read()`` and
+        ``Backend(splats, sort=)`` with ``draw(camera, settings)``, which waits for the frame's end, ``read()`` and
         ``renderer_name``.
     sizes : sequence of int
         Numbers of splats.
@@ -88,26 +98,27 @@ def compare(renderer: Renderer, backend_class: Any, sizes: Sequence[int], frames
         Samples of each.
     """
     for size in sizes:
-        with stage(f"Comparing at {size_name(size)} splats", total=2 * len(FACINGS) * frames) as advance:
+        with stage(f"Comparing at {size_name(size)} splats", total=3 * len(FACINGS) * frames) as advance:
             resident = renderer.upload(fibonacci_sphere(size))
-            backend = backend_class(resident.splats)
+            backends = [backend_class(resident.splats, sort=sort) for sort in (False, True)]
             for facing in FACINGS:
-                yield _compare(renderer, backend, resident, facing, frames, advance)
+                yield _compare(renderer, backends, resident, facing, frames, advance)
 
 
 def _compare(
-    renderer: Renderer, backend: Any, resident: Resident, facing: Facing, frames: int, advance: Advance
+    renderer: Renderer, backends: Sequence[Any], resident: Resident, facing: Facing, frames: int, advance: Advance
 ) -> Comparison:
     camera, settings = frame_camera(resident.splats, SIZE, SIZE), replace(BASE, facing=facing)
     ours = renderer.render(resident, camera, settings).color
-    backend.draw(camera, settings)
-    theirs = backend.read()["color"]
+    for backend in backends:
+        backend.draw(camera, settings)
+    theirs = backends[0].read()["color"]
     both = (ours[..., 3] > 0) & (theirs[..., 3] > 0)
     difference = float(np.abs(ours[both][:, :3] - theirs[both][:, :3]).sum() / max(3 * np.count_nonzero(both), 1))
-    jobs = (
-        lambda: {"frame": seconds_of(lambda: render_and_wait(renderer, resident, camera, settings))},
-        lambda: {"frame": seconds_of(lambda: backend.draw(camera, settings))},
-    )
-    our_time, their_time = (spreads["frame"] for spreads in turn_by_turn(jobs, frames, SECONDS, advance))
     differs = float(np.mean((ours[..., 3] > 0) != (theirs[..., 3] > 0)))
-    return Comparison(len(resident.splats), facing, backend.renderer_name, our_time, their_time, difference, differs)
+    frame_of = [partial(render_and_wait, renderer, resident, camera, settings)]
+    frame_of += [partial(backend.draw, camera, settings) for backend in backends]
+    jobs = [lambda work=work: {"frame": seconds_of(work)} for work in frame_of]
+    our_time, their_time, sorted_time = (one["frame"] for one in turn_by_turn(jobs, frames, SECONDS, advance))
+    name = backends[0].renderer_name
+    return Comparison(len(resident.splats), facing, name, our_time, their_time, sorted_time, difference, differs)

@@ -19,9 +19,8 @@ import numpy as np
 from splatcl.bench import against, machine
 from splatcl.bench.matrix import BASE, Row, size_name
 from splatcl.bench.measure import Job
-from splatcl.bench.passes import PASSES
 from splatcl.bench.report import save_json
-from splatcl.bench.roofline import Roofline
+from splatcl.bench.roofline import SMALL_BYTES, Roofline
 from splatcl.bench.scenes import fibonacci_sphere, frame_camera
 from splatcl.bench.timing import Seconds, Spread, seconds_of, turn_by_turn
 from splatcl.errors import FileError, SplatclError
@@ -34,19 +33,14 @@ BOUND = 1.5
 SIZES = (137_000, 655_000)
 ROUNDS = 25
 MAX_SECONDS = 60.0
-READ_BYTES = 128 << 20
-CALIBRATION = {**dict.fromkeys((*PASSES, "frame"), "arithmetic"), "bin": "read"}
-"""The kernel of roofline.cl that a pass is as fast as."""
 
 Ratios = dict[str, float]
 
 
 def measure_ratios(renderer: Renderer, sizes: Sequence[int] = SIZES, rounds: int = ROUNDS) -> Ratios:
-    """Return times by their calibration's, and the first scene's by llvmpipe's where that can be had."""
-    calibration = Roofline(renderer.device, READ_BYTES)
-    jobs: list[Callable[[], Seconds]] = [
-        lambda: {"arithmetic": calibration.arithmetic(), "read": calibration.read()},
-    ]
+    """Return times by the calibration's, and the first scene's by llvmpipe's where that can be had."""
+    calibration = Roofline(renderer.device, SMALL_BYTES)
+    jobs: list[Callable[[], Seconds]] = [lambda: {"arithmetic": calibration.arithmetic()}]
     scenes, residents = [], [renderer.upload(fibonacci_sphere(size)) for size in sizes]
     for resident in residents:
         for settings in (BASE, replace(BASE, facing="keep")):
@@ -57,7 +51,7 @@ def measure_ratios(renderer: Renderer, sizes: Sequence[int] = SIZES, rounds: int
     with stage("Timing", total=rounds * len(jobs)) as advance:
         unit, *times = turn_by_turn(jobs, rounds, MAX_SECONDS, advance)
     ratios = {
-        f"{scene} {name}": _ratio(spread, unit[CALIBRATION[name]])
+        f"{scene} {name}": _ratio(spread, unit["arithmetic"])
         for scene, spreads in zip(scenes, times, strict=False)
         for name, spread in spreads.items()
     }
@@ -68,7 +62,7 @@ def measure_ratios(renderer: Renderer, sizes: Sequence[int] = SIZES, rounds: int
 
 def _llvmpipe_jobs(resident: Resident) -> Iterator[Callable[[], Seconds]]:
     try:
-        backend = against.load_backend(against.BACKEND)(resident.splats)
+        backend = against.load_backend(against.BACKEND)(resident.splats, sort=False)
     except SplatclError as error:
         print(f"llvmpipe is left out: {error}")
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,14 +13,18 @@ from numpy.typing import NDArray
 
 from splatcl import pipeline
 from splatcl.camera import Camera
-from splatcl.pipeline import ProjectedSplats, TileLists
+from splatcl.pipeline import DepthBuffer, Passes, ProjectedSplats, TileLists
 from splatcl.render import Renderer, Resident
 from splatcl.settings import RenderSettings
 
-PASSES = ("project", "bin", "visibility", "attributes", "shade")
+PASSES = ("bin", "project", "visibility", "attributes", "shade")
 BLOCKS = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
-"""Pixels of one vector by its lanes (kernels/splat.h)."""
-RECORDS_AT_ONCE = 1 << 20
+"""Pixels of one vector by its lanes (kernels/lanes.h)."""
+SMALL = 4
+"""Boxes of at most so many pixels each way are taken a vector of splats at a time (kernels/tile.h)."""
+BOX = ("x_min", "y_min", "x_max", "y_max")
+
+Watch = Callable[[TileLists, ProjectedSplats, DepthBuffer], None]
 
 
 @dataclass(frozen=True)
@@ -27,12 +32,16 @@ class Counts:
     """How much there is to do in the passes of one frame, and the sizes of what they move, bytes."""
 
     num_splats: int
-    num_survivors: int
-    num_records: int
-    num_lanes: int
+    num_listed: int  # splats in at least one tile's list
+    num_entries: int  # of all tiles' lists
+    num_discs: int  # entries whose disc has pixels: those that visibility takes
+    num_near: int  # entries that have pixels and are no farther than their tile's farthest: those attributes takes
+    visibility_lanes: int
+    attribute_lanes: int
     num_pixels: int
+    plane_bytes: int
+    touched_bytes: int
     splat_bytes: int
-    color_bytes: int
     record_bytes: int
     attribute_bytes: int
     real_bytes: int
@@ -47,12 +56,12 @@ class FramePasses:
         self._epsilon = resident.epsilon(settings)
         self._view = self._passes.view(self._splats.origin)
 
-    def run(self, watch: Callable[[ProjectedSplats | TileLists], None] | None = None) -> dict[str, float]:
+    def run(self, watch: Watch | None = None) -> dict[str, float]:
         """Run a frame and return each pass' seconds; wait for the device between passes.
 
-        `watch`, if any, sees what the projection and the binning return; its time does not count.
+        `watch`, if any, sees each band once it is drawn; its time does not count.
         """
-        passes, seconds = self._passes, dict.fromkeys(PASSES, 0.0)
+        passes, view, seconds = self._passes, self._view, dict.fromkeys(PASSES, 0.0)
 
         def timed(name: str, function: Callable[..., Any], *args: Any) -> Any:
             start = time.perf_counter()
@@ -61,67 +70,103 @@ class FramePasses:
             seconds[name] += time.perf_counter() - start
             return result
 
-        projected = timed("project", pipeline.project, passes, self._view, self._splats)
-        if watch:
-            watch(projected)
         depth, gbuffer = pipeline.frame_buffers(passes)
-        bands = pipeline.bin(passes, projected)
+        bands = pipeline.bin(passes, view, self._splats)
         while (lists := timed("bin", next, bands, None)) is not None:
-            timed("visibility", pipeline.visibility, passes, lists, depth)
-            timed("attributes", pipeline.attributes, passes, self._view, lists, depth, self._epsilon, gbuffer)
+            projected = timed("project", pipeline.project, passes, view, self._splats, lists)
+            timed("visibility", pipeline.visibility, passes, lists, projected, depth)
+            timed("attributes", pipeline.attributes, passes, view, lists, projected, depth, self._epsilon, gbuffer)
             if watch:
-                watch(lists)
-        timed("shade", pipeline.shade, passes, self._view, depth, gbuffer)
+                watch(lists, projected, depth)
+        timed("shade", pipeline.shade, passes, view, depth, gbuffer)
         return seconds
 
     def counts(self) -> Counts:
         """Run a frame and count; slow."""
-        passes, dtypes = self._passes, self._passes.dtypes
-        totals = {"num_survivors": 0, "num_records": 0, "num_lanes": 0}
-
-        def watch(result: ProjectedSplats | TileLists) -> None:
-            if isinstance(result, ProjectedSplats):
-                survivors = passes.device.read(result.num_survivors, (result.num_chunks,), np.int32)
-                totals["num_survivors"] += int(survivors.sum())
-            else:
-                totals["num_records"] += int(result.begin[-1])
-                totals["num_lanes"] += self._num_lanes(result)
-
-        self.run(watch)
-        real = passes.real.itemsize
-        num_vectors = 3 if self._splats.center_low is None else 4
+        passes, dtypes, real = self._passes, self._passes.dtypes, self._passes.real.itemsize
+        tally = Tally(passes, self._splats.num_splats, self._epsilon)
+        self.run(tally.add)
+        low_words = 0 if self._splats.center_low is None else 3
         return Counts(
             num_splats=self._splats.num_splats,
-            **totals,
+            num_listed=int(np.count_nonzero(tally.listed)),
+            **tally.totals,
             num_pixels=passes.num_pixels,
-            splat_bytes=num_vectors * 3 * real,
-            color_bytes=3 * real,
+            plane_bytes=9 * real,
+            touched_bytes=dtypes["TouchedTiles"].itemsize,
+            splat_bytes=dtypes["Splat"].itemsize + low_words * real,
             record_bytes=dtypes["ProjectedSplat"].itemsize,
             attribute_bytes=dtypes["SplatAttributes"].itemsize,
             real_bytes=real,
         )
 
-    def _num_lanes(self, lists: TileLists) -> int:
-        """Return how many lanes a raster pass evaluates: those of the blocks that each record's bounds touch."""
+
+class Tally:
+    """Counts over the bands of one frame, as if each work-item took a whole tile and epsilon were along z."""
+
+    def __init__(self, passes: Passes, num_splats: int, epsilon: float) -> None:
+        names = ("num_entries", "num_discs", "num_near", "visibility_lanes", "attribute_lanes")
+        self.totals = Counter(dict.fromkeys(names, 0))
+        self.listed = np.zeros(num_splats, bool)
+        self._passes, self._epsilon = passes, epsilon
+
+    def add(self, lists: TileLists, projected: ProjectedSplats, depth: DepthBuffer) -> None:
+        """Count a band."""
+        passes, num = self._passes, int(lists.begin[-1])
+        if not num:
+            return
+        self.listed[self._ids(lists, num)] = True
+        tile = np.repeat(np.arange(lists.first_tile, lists.last_tile), np.diff(lists.begin))
+        disc_near_z, near_z = (self._read(buffer, num) for buffer in (projected.disc_near_z, projected.near_z))
+        has_disc, is_near = disc_near_z < np.inf, near_z <= self._farthest(depth)[tile]  # neither if it is NaN
+        records = self._read(projected.records, num, passes.dtypes["ProjectedSplat"])
+        discs = np.stack([records[name] for name in BOX], axis=1)
+        drawn = self._read(projected.boxes, num, np.dtype((np.int16, 4)))
+        self.totals.update(
+            num_entries=num,
+            num_discs=int(np.count_nonzero(has_disc)),
+            num_near=int(np.count_nonzero(is_near)),
+            visibility_lanes=self._lanes(discs, tile, has_disc),
+            attribute_lanes=self._lanes(drawn, tile, is_near),
+        )
+
+    def _lanes(self, boxes: NDArray[Any], tile: NDArray[Any], taken: NDArray[Any]) -> int:
+        passes = self._passes
+        return lanes_of(boxes[taken], tile[taken], passes.tiles_x, passes.tile_size, passes.lanes)
+
+    def _read(self, buffer: Any, num: int, dtype: np.dtype[Any] | None = None) -> NDArray[Any]:
+        return self._passes.device.read(buffer, (num,), dtype or self._passes.real)
+
+    def _ids(self, lists: TileLists, num: int) -> NDArray[np.int32]:
         import pyopencl as cl
 
-        passes, num_records, total = self._passes, int(lists.begin[-1]), 0
-        dtype = passes.dtypes["ProjectedSplat"]
-        for first in range(0, num_records, RECORDS_AT_ONCE):
-            records = np.empty(min(RECORDS_AT_ONCE, num_records - first), dtype)
-            cl.enqueue_copy(passes.device.queue, records, lists.records, src_offset=first * dtype.itemsize)
-            place = np.arange(first, first + len(records))
-            tile = lists.first_tile + np.searchsorted(lists.begin, place, side="right") - 1
-            total += lanes_of(records, tile, lists.tiles_x, passes.tile_size, passes.device.lanes_of(passes.real))
-        return total
+        ids = np.empty(num, np.int32)
+        cl.enqueue_copy(self._passes.device.queue, ids, lists.ids, src_offset=lists.start * ids.itemsize)
+        return ids
+
+    def _farthest(self, depth: DepthBuffer) -> NDArray[Any]:
+        """(T,) the farthest that is accepted anywhere in each tile."""
+        passes, size = self._passes, self._passes.tile_size
+        image = passes.device.read(depth.depth, (passes.camera.height, passes.camera.width), passes.real)
+        image = np.pad(image, [(0, -side % size) for side in image.shape], constant_values=-np.inf)
+        tiles = image.reshape(-1, size, passes.tiles_x, size)
+        return (tiles.max(axis=(1, 3)) + passes.real.type(self._epsilon)).ravel()
 
 
-def lanes_of(records: NDArray[Any], tile: NDArray[Any], tiles_x: int, tile_size: int, lanes: int) -> int:
-    """Return how many lanes are in the blocks of (N,) `tile` that the bounds of (N,) `records` touch."""
-    blocks = np.ones(len(records), np.int64)
-    for axis, block, place in zip("xy", BLOCKS[lanes], (tile % tiles_x, tile // tiles_x), strict=True):
-        origin = place * tile_size
-        low = np.maximum(records[f"{axis}_min"] - origin, 0) // block
-        high = np.minimum(records[f"{axis}_max"] - origin, tile_size - 1) // block
-        blocks *= high - low + 1
-    return int(blocks.sum()) * lanes
+def lanes_of(boxes: NDArray[Any], tile: NDArray[Any], tiles_x: int, tile_size: int, lanes: int) -> int:
+    """Return how many lanes a raster pass evaluates for (N, 4) `boxes` in the lists of (N,) `tile`, ascending.
+
+    A batch is `lanes` boxes of a tile, one after the other. If all are small, each position up to the largest width
+    and height takes a vector; else each box is cut into blocks of `lanes` pixels from its corner.
+    """
+    origin = np.stack([tile % tiles_x, tile // tiles_x], axis=1) * tile_size
+    low, high = np.maximum(boxes[:, :2] - origin, 0), np.minimum(boxes[:, 2:] - origin, tile_size - 1)
+    size = np.where((low <= high).all(axis=1, keepdims=True), high - low + 1, 0)
+    blocks = (-(-size // BLOCKS[lanes])).prod(axis=1)
+    if lanes == 1:
+        return int(blocks.sum())
+    nth = np.arange(len(tile)) - np.searchsorted(tile, tile)
+    starts = np.flatnonzero(nth % lanes == 0)
+    largest = np.maximum.reduceat(size, starts, axis=0)
+    small = (largest <= SMALL).all(axis=1)
+    return int(np.where(small, largest.prod(axis=1), np.add.reduceat(blocks, starts)).sum()) * lanes

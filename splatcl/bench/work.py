@@ -14,36 +14,47 @@ from splatcl.bench.roofline import Limits
 from splatcl.settings import RenderSettings
 
 FLOPS = {
-    # project.cl. Each splat: centre to twice the precision 3 x 69 (three exact products of 11, three exact sums of 6,
+    # bin.cl. Each splat: centre and tangents rotated 45, translated 3, error 4, depth range 8.
+    "splat": 60,
+    # Where back faces are culled: g 9, |t_u||t_v| 5, g.c 5, tolerance 6.
+    "culled splat": 25,
+    # Each listed splat: in front 1, half width and height 8, depths 2, ranges of pixels 2 x 30 and 1 / z 1, whole
+    # pixels 12, tiles 4.
+    "listed": 88,
+    # project.cl. Each entry: centre to twice the precision 3 x 69 (three exact products of 11, three exact sums of 6,
     # 12 for the low words, a last sum of 6), two tangents rotated 30, their cross product 9, reach 4, unit normal and
-    # facing 15, distance 6.
-    "splat": 271,
-    # Those that survive: reference point 2 x 64 (two_divide 25, two_multiply 21, two_add 14, rounding 4),
-    # coefficients 40, bounds 68, choice of the reference 5, slack and clamping 9.
-    "survivor": 250,
-    # visibility.cl, splat.h. Each lane of a block that a record's bounds touch: offsets 4, u and v 8, den 4,
-    # u^2 + v^2 <= den^2 4.
-    "tested lane": 20,
+    # facing 15, distance 6, choice of the reference 5, reference point 2 x 64 (two_divide 25, two_multiply 21, two_add
+    # 14, rounding 4), coefficients 40, extents 42, slack 5, bounds of disc and pre-filter 16, their pixels 50, least
+    # depth 9, words of the boxes 8. The splats that need twice the precision throughout are few and cost more.
+    "entry": 574,
+    # tile.h, both raster passes. Each entry that they take: its box 15.
+    "taken": 15,
+    # visibility.cl, splat.h. Each lane: place 2, offsets 4, u and v 8, den 4, u^2 + v^2 <= den^2 4.
+    "tested lane": 22,
     # Each disc hit: 1 / den, z.
     "hit": 2,
-    # attributes.cl, fragment.h. Each lane as above, then 1 / den, z, r3^2 2 ...
-    "filtered lane": 24,
+    # attributes.cl, fragment.h. Each lane as above, place 2 more, then 1 / den, z, r3^2 2 ...
+    "filtered lane": 28,
     # ... and with the pre-filter r2^2.
-    "prefiltered lane": 30,
-    # Each accepted fragment: weight 23 (exp: reduction 7, seven steps of 2, scaling 1, argument 1), sums 15.
-    "fragment": 38,
-    # shade.cl, surface.h. Each pixel: ray 6, mean depth 1, position 3, distance 7, direction 13, albedo 3, normal 10.
-    "pixel": 43,
-    # phong.h. Each light: direction 13, N.L 5, diffuse 10, mirrored 10, R.V 5, power 45 (logarithm 22, exp 23),
+    "prefiltered lane": 34,
+    # Each accepted fragment: weight 23 (exp: reduction 7, seven steps of 2, scaling 1, argument 1), sums 16.
+    "fragment": 39,
+    # shade.cl, surface.h. Each pixel: ray 6, mean depth 1, position 3, direction 10, albedo 3, normal 10.
+    "pixel": 33,
+    # phong.h. Each pixel: ambient.
+    "ambient": 3,
+    # Each light: direction 13, N.L 5, diffuse 10, mirrored 7, R.V 5, power 43 (logarithm 20, exponent 1, exp 22),
     # specular 7.
-    "light": 95,
+    "light": 90,
 }
-"""+ - * / and square roots, one each; comparisons, selects and conversions are none."""
-GBUFFER_READS, GBUFFER_WRITES = 9, 10
-"""Reals of a pixel that shade reads (depth, weight, colour 3, normal 3, depth sum); attributes writes a count too."""
+"""+ - * / and square roots, one each; comparisons, selects, conversions and changes of sign are none."""
+GBUFFER = 9
+"""Reals of a pixel: weight, colour 3, normal 3, depth sum, and the count that attributes writes or the depth that shade
+reads."""
 DEPTH_WRITES = 2
 """Depth and id."""
 COLOR_WRITES = 4
+ID_BYTES, BOX_BYTES = 4, 8
 
 
 @dataclass(frozen=True)
@@ -78,34 +89,56 @@ class PassLimit:
 
 def work_of(result: Result) -> dict[str, Work]:
     """Return the work of each pass."""
-    counts, fragments, settings = result.counts, result.fragments, result.row.settings
-    image = counts.num_pixels * counts.real_bytes
-    record = counts.record_bytes + counts.attribute_bytes
-    lane = FLOPS["prefiltered lane" if settings.prefilter == "min" else "filtered lane"]
-    lights = len(settings.lights) if settings.shader == "phong" else 0
+    counts, image = result.counts, result.counts.num_pixels * result.counts.real_bytes
+    record = counts.record_bytes + counts.attribute_bytes + BOX_BYTES
+    touched = counts.num_listed * counts.touched_bytes
     return {
-        "project": Work(
-            counts.num_splats * counts.splat_bytes + counts.num_survivors * counts.color_bytes,
-            counts.num_survivors * record,
-            counts.num_splats * FLOPS["splat"] + counts.num_survivors * FLOPS["survivor"],
+        "bin": Work(
+            counts.num_splats * counts.plane_bytes + touched,
+            touched + counts.num_entries * ID_BYTES,
+            _bin_flops(result),
         ),
-        "bin": Work(counts.num_survivors * record, counts.num_records * record, 0),
+        "project": Work(
+            counts.num_entries * (ID_BYTES + counts.splat_bytes),
+            counts.num_entries * (record + 2 * counts.real_bytes),
+            counts.num_entries * FLOPS["entry"],
+        ),
         "visibility": Work(
-            counts.num_records * counts.record_bytes,
+            counts.num_entries * counts.real_bytes + counts.num_discs * (counts.record_bytes + ID_BYTES),
             image * DEPTH_WRITES,
-            counts.num_lanes * FLOPS["tested lane"] + fragments.hits * FLOPS["hit"],
+            _visibility_flops(result),
         ),
         "attributes": Work(
-            counts.num_records * record + image,
-            image * GBUFFER_WRITES,
-            counts.num_lanes * lane + fragments.drawn.fragments * FLOPS["fragment"],
+            counts.num_entries * counts.real_bytes + counts.num_near * record + image,
+            image * GBUFFER,
+            _attributes_flops(result),
         ),
-        "shade": Work(
-            image * GBUFFER_READS,
-            image * COLOR_WRITES,
-            fragments.drawn.pixels * (FLOPS["pixel"] + lights * FLOPS["light"]),
-        ),
+        "shade": Work(image * GBUFFER, image * COLOR_WRITES, _shade_flops(result)),
     }
+
+
+def _bin_flops(result: Result) -> int:
+    splat = FLOPS["splat"] + (FLOPS["culled splat"] if result.facing == "cull" else 0)
+    return result.counts.num_splats * splat + result.counts.num_listed * FLOPS["listed"]
+
+
+def _visibility_flops(result: Result) -> int:
+    counts = result.counts
+    lanes = counts.visibility_lanes * FLOPS["tested lane"]
+    return counts.num_discs * FLOPS["taken"] + lanes + result.fragments.hits * FLOPS["hit"]
+
+
+def _attributes_flops(result: Result) -> int:
+    counts, prefilter = result.counts, result.row.settings.prefilter == "min"
+    lanes = counts.attribute_lanes * FLOPS["prefiltered lane" if prefilter else "filtered lane"]
+    return counts.num_near * FLOPS["taken"] + lanes + result.fragments.drawn.fragments * FLOPS["fragment"]
+
+
+def _shade_flops(result: Result) -> int:
+    settings, pixel = result.row.settings, FLOPS["pixel"]
+    if settings.shader == "phong":
+        pixel += FLOPS["ambient"] + len(settings.lights) * FLOPS["light"]
+    return result.fragments.drawn.pixels * pixel
 
 
 def limits_of(result: Result, limits: Limits) -> dict[str, PassLimit]:
@@ -121,5 +154,8 @@ def limits_of(result: Result, limits: Limits) -> dict[str, PassLimit]:
 
 def lanes_used(result: Result) -> dict[str, float]:
     """Return the share of evaluated lanes that hit a disc (visibility) or were accumulated (attributes)."""
-    lanes = max(result.counts.num_lanes, 1)
-    return {"visibility": result.fragments.hits / lanes, "attributes": result.fragments.drawn.fragments / lanes}
+    counts, fragments = result.counts, result.fragments
+    return {
+        "visibility": fragments.hits / max(counts.visibility_lanes, 1),
+        "attributes": fragments.drawn.fragments / max(counts.attribute_lanes, 1),
+    }
