@@ -4,6 +4,7 @@
 // added. The exact ones, by which pixels are chosen, are those of project.cl.
 
 #include "arithmetic.h"
+#include "eye.h"
 
 #define FACING_SLACK R(1.52587890625e-5)  // of |t_u||t_v||c|: ten times what can be wrong with the sign of g.c
 #define CENTER_SLACK R(4.7683716e-7)      // of the products that a centre's coordinate is a sum of
@@ -18,14 +19,6 @@ static inline reals3 load3(global const real *planes, int stride, int i)
   global const reals *x = (global const reals *)planes + i / LANES;
   reals3 v = {x[0], x[stride / LANES], x[2 * (long)(stride / LANES)]};
   return v;
-}
-
-static inline reals3 rotate(constant View *view, reals3 v)
-{
-  reals3 r = {(view->r00_hi * v.x + view->r01_hi * v.y) + view->r02_hi * v.z,
-              (view->r10_hi * v.x + view->r11_hi * v.y) + view->r12_hi * v.z,
-              (view->r20_hi * v.x + view->r21_hi * v.y) + view->r22_hi * v.z};
-  return r;
 }
 
 static inline reals length1(reals3 v) { return magnitude(v.x) + magnitude(v.y) + magnitude(v.z); }

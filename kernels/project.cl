@@ -6,6 +6,7 @@
 #include "eye.h"
 #include "lanes.h"
 #include "transpose.h"
+#include "projected.h"
 
 // Coverage is decided per pixel (splat.h); bounds only have to be safe. SLACK_PIXELS covers the rounding of the
 // pixel offsets, the relative terms that of the coefficients, which grows with 1/cos(tilt).
@@ -47,15 +48,6 @@ static inline extent near_extent(reals center, reals reach, reals z_low, reals z
   extent e = {(low + high) * R(0.5) - origin, (high - low) * R(0.5) + slack};
   return e;
 }
-
-// Everything the raster passes need, LANES splats at once; the emitting loop reads it lane by lane.
-typedef struct {
-  reals pixel_x, pixel_y, offset_x, offset_y;
-  reals u_x, u_y, u_1, v_x, v_y, v_1, g_x, g_y, z;
-  reals normal_x, normal_y, normal_z, prefilter_x, prefilter_y, center_z;
-  boxes disc, drawn;  // the pixels of the disc, and those of the pre-filter as well
-  reals near_z;       // no fragment is nearer
-} projected;
 
 static inline reals3 oriented_normal(constant View *view, reals3 g, reals3 center, reals *facing_dot)
 {
@@ -278,49 +270,6 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   s.near_z = at_least(least_depth(&s), view->near);
   s.near_z = SELECT(s.near_z, at_most(s.near_z, c.z), filtered);  // where only the pre-filter accepts
   return s;
-}
-
-// Two words of a box, as records have them: x_min and y_min, x_max and y_max, 16 bits each.
-typedef struct {
-  masks low, high;
-} box_words;
-
-static inline box_words words_of(const boxes *b)
-{
-  box_words w = {(whole_of(b->x_first) & (bits)0xffff) | (whole_of(b->y_first) << (bits)16),
-                 (whole_of(b->x_last) & (bits)0xffff) | (whole_of(b->y_last) << (bits)16)};
-  return w;
-}
-
-// Where the records of consecutive entries go.
-typedef struct {
-  global ProjectedSplat *records;
-  global SplatAttributes *attributes;
-  global uint2 *boxes;
-  global real *disc_near_z, *near_z;
-} outputs;
-
-#define WORD(values) ((uint)((const bits *)&(values))[lane])
-
-// Write the records of `num` entries from `i` on, a multiple of LANES; near_z of LANES.
-static inline void store_records(const outputs *to, int i, int num, const projected *s, reals3 color)
-{
-  const box_words disc = words_of(&s->disc), drawn = words_of(&s->drawn);
-#if DOUBLE
-  const reals box_low = AS_REALS((disc.low & (bits)0xffffffffL) | (disc.high << (bits)32)), box_high = R(0.0);
-#else
-  const reals box_low = AS_REALS(disc.low), box_high = AS_REALS(disc.high);
-#endif
-  eight first = {{s->pixel_x, s->pixel_y, s->offset_x, s->offset_y, s->u_x, s->u_y, s->v_x, s->v_y}};
-  STORE_EIGHT(first, num, to->records + i + lane);
-  eight second = {{s->g_x, s->g_y, s->z, s->u_1, s->v_1, s->center_z, box_low, box_high}};
-  STORE_EIGHT(second, num, &to->records[i + lane].g_x);
-  eight third = {{color.x, color.y, color.z, s->normal_x, s->normal_y, s->normal_z, s->prefilter_x, s->prefilter_y}};
-  STORE_EIGHT(third, num, to->attributes + i + lane);
-  for (int lane = 0; lane < num; ++lane) to->boxes[i + lane] = (uint2)(WORD(drawn.low), WORD(drawn.high));
-  const masks no_disc = MASK(s->disc.x_first > s->disc.x_last), nothing = MASK(s->drawn.x_first > s->drawn.x_last);
-  ((global reals *)to->disc_near_z)[i / LANES] = SELECT(s->near_z, (real)NAN, no_disc);
-  ((global reals *)to->near_z)[i / LANES] = SELECT(s->near_z, (real)NAN, nothing);
 }
 
 // The lists lead to splats in any order, which caches do not hold: ask for each both of its cache lines AHEAD entries

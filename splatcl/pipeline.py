@@ -184,7 +184,7 @@ def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists
     tile_counts = device.scratch("tile_counts", num_chunks * num_tiles * 4)
     passes.run(
         "bin_count", (num_chunks,), view, splats.center, splats.tangent_u, splats.tangent_v, splats.num_splats,
-        splats.stride, spread, chunk_size, tiles_x, num_tiles, listed, num_listed, tile_counts,
+        splats.stride, spread, chunk_size, tiles_x, num_tiles, listed, num_listed, tile_counts, CENTER_LOW=0,
     )  # fmt: skip
     totals_buffer = device.scratch("tile_totals", num_tiles * 4)
     passes.run("bin_offsets", (num_tiles,), tile_counts, totals_buffer, num_chunks, num_tiles)
