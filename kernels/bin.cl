@@ -139,6 +139,9 @@ static inline masks tile_pair(reals x, reals y)
   return (whole_of(x) >> (bits)TILE_SHIFT) | ((whole_of(y) >> (bits)TILE_SHIFT) << (bits)16);
 }
 
+#define COLUMN(pair) ((pair) & 0xffff)
+#define ROW(pair) ((pair) >> 16)
+
 // List each chunk's splats that may touch the image, with the tiles; count them for each tile.
 kernel void bin_count(constant View *view, global const real *center, global const real *tangent_u,
                       global const real *tangent_v, const int num_splats, const int stride, const int spread, const int chunk_size,
@@ -158,16 +161,13 @@ kernel void bin_count(constant View *view, global const real *center, global con
     const masks first = tile_pair(t.x.first, t.y.first), last = tile_pair(t.x.last, t.y.last);
     const int listed = place;
     for (int lane = 0; lane < least(LANES, end - i); ++lane) {
-      global int *l = (global int *)(lists + place);
-      l[0] = i + lane;
-      l[1] = LANE(first);
-      l[2] = LANE(last);
+      lists[place] = (TouchedTiles){i + lane, LANE(first), LANE(last)};
       place -= LANE(alive);
     }
     for (int k = listed; k < place; ++k) {
       const TouchedTiles l = lists[k];
-      for (int y = l.y_first; y <= l.y_last; ++y)
-        for (int x = l.x_first; x <= l.x_last; ++x) ++counts[y * tiles_x + x];
+      for (int y = ROW(l.first); y <= ROW(l.last); ++y)
+        for (int x = COLUMN(l.first); x <= COLUMN(l.last); ++x) ++counts[y * tiles_x + x];
     }
   }
   num_listed[chunk] = place - begin;
@@ -196,8 +196,8 @@ kernel void bin_scatter(global const TouchedTiles *lists, global const int *num_
   global int *offsets = tile_offsets + (long)chunk * num_tiles;
   for (int i = begin; i < end; ++i) {
     const TouchedTiles l = lists[i];
-    for (int y = l.y_first; y <= l.y_last; ++y)
-      for (int x = l.x_first; x <= l.x_last; ++x) {
+    for (int y = ROW(l.first); y <= ROW(l.last); ++y)
+      for (int x = COLUMN(l.first); x <= COLUMN(l.last); ++x) {
         const int tile = y * tiles_x + x;
         if (tile >= first_tile && tile < last_tile) ids[tile_begin[tile - first_tile] + offsets[tile]++] = l.id;
       }
