@@ -30,8 +30,8 @@ def failures(frame):
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize(("scene_name", "camera_name"), VIEWS)
 def test_every_scene_adds_up(renderer, scene_name, camera_name, precision):
-    """Mutations that fail here: ``x < l.x_last`` in bin_count and bin_scatter together (an entry short), ``x + 1 <
-    across`` in attributes.cl's small boxes, every 64th splat left out in bin_count."""
+    """Mutations that fail here: ``x < COLUMN(l.last)`` in bin_count and bin_scatter together (an entry short),
+    ``x + 1 < across`` in attributes.cl's small boxes, every 64th splat left out in bin_count."""
     settings = RenderSettings(epsilon=EPSILON, precision=precision)
     assert failures(renderer.render(scene(scene_name), CAMERAS[camera_name], settings)) == []
 
