@@ -293,12 +293,11 @@ kernel void project(constant View *view, global const Splat *splats, global cons
 {
   const outputs to = {records, attributes, boxes_drawn, disc_near_z, near_z};
   const int begin = get_global_id(0) * ENTRIES, end = least(begin + ENTRIES, num_entries);
-  int places[ENTRIES + LANES + AHEAD];
-  for (int k = 0; k < ENTRIES + LANES + AHEAD; ++k) places[k] = ids[first + least(begin + k, end - 1)];
   for (int i = begin; i < end; i += LANES) {
-    const int *place = places + (i - begin);
+    int place[LANES];
     for (int lane = 0; lane < LANES; ++lane) {
-      ASK_FOR(splats + place[AHEAD + lane]);
+      place[lane] = ids[first + least(i + lane, end - 1)];
+      ASK_FOR(splats + ids[first + least(i + lane + AHEAD, end - 1)]);
     }
     LOAD_EIGHT(a, global, splats + place[lane]);
     LOAD_EIGHT(b, global, &splats[place[lane]].uy);  // words 4 to 11

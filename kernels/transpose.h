@@ -36,12 +36,20 @@ static inline eight transposed(eight r)
 #define STORE_EIGHT(fields, num, place)                                                                      \
   fields = transposed(fields);                                                                               \
   for (int lane = 0; lane < (num); ++lane) ((global unaligned8 *)(place))->values = fields.v[lane]
-#else
-#define LOAD_EIGHT(fields, space, place)                                                               \
-  eight fields;                                                                                        \
-  for (int lane = 0; lane < LANES; ++lane)                                                             \
-    for (int word = 0; word < 8; ++word) ((real *)&fields.v[word])[lane] = ((space const real *)(place))[word]
-#define STORE_EIGHT(fields, num, place)                                                                \
-  for (int lane = 0; lane < (num); ++lane)                                                             \
-    for (int word = 0; word < 8; ++word) ((global real *)(place))[word] = ((const real *)&fields.v[word])[lane]
+#else  // a row as one vector: rusticl steps by whole records through a record's words
+#define LOAD_EIGHT(fields, space, place)                                                                   \
+  eight fields;                                                                                            \
+  for (int lane = 0; lane < LANES; ++lane) {                                                               \
+    const real8 row = ((space const unaligned8 *)(place))->values;                                         \
+    LANE_OF_EIGHT(fields, 0) = row.s0, LANE_OF_EIGHT(fields, 1) = row.s1, LANE_OF_EIGHT(fields, 2) = row.s2; \
+    LANE_OF_EIGHT(fields, 3) = row.s3, LANE_OF_EIGHT(fields, 4) = row.s4, LANE_OF_EIGHT(fields, 5) = row.s5; \
+    LANE_OF_EIGHT(fields, 6) = row.s6, LANE_OF_EIGHT(fields, 7) = row.s7;                                  \
+  }
+#define STORE_EIGHT(fields, num, place)                                                                    \
+  for (int lane = 0; lane < (num); ++lane)                                                                 \
+  ((global unaligned8 *)(place))->values =                                                                 \
+      (real8)(LANE_OF_EIGHT(fields, 0), LANE_OF_EIGHT(fields, 1), LANE_OF_EIGHT(fields, 2),                \
+              LANE_OF_EIGHT(fields, 3), LANE_OF_EIGHT(fields, 4), LANE_OF_EIGHT(fields, 5),                \
+              LANE_OF_EIGHT(fields, 6), LANE_OF_EIGHT(fields, 7))
+#define LANE_OF_EIGHT(fields, word) (((real *)&fields.v[word])[lane])
 #endif
