@@ -29,7 +29,7 @@ TINY_WAYS: tuple[dict[str, Any], ...] = ({"tile_size": 8}, {"mapping": "pixel", 
 MEASURED = "<!-- .ci/runtimes writes the rest -->\n\n"
 SEEDED = {  # what Oclgrind must report: the kernels' text, and the error in its place
     "Invalid write": ("if (x >= width || y >= height) continue;", "if (x >= width || y > height) continue;"),
-    "Invalid read": ("place[lane] = ids[first + least(i + lane, end - 1)]", "place[lane] = ids[first + i + lane + 4096]"),
+    "Invalid read": ("ids[first + least(i + lane, end - 1)]", "ids[first + i + lane + 4096]"),
     "data race": ("count[q] = ", "count[0] = "),
     "Uninitialized value": ("f.particleid[p] = NO_SPLAT;", ";"),
 }
