@@ -1,6 +1,6 @@
 // Between LANES records of eight reals each and eight vectors of LANES. Needs arithmetic.h.
-// In single precision with eight lanes that is a transposition of registers, which halves the time that lane by lane
-// takes to load and store records.
+// On PoCL in single precision with eight lanes that is a transposition of registers, which halves the time that lane by
+// lane takes to load and store records. (Unoptimised, it makes Oclgrind crash.)
 
 typedef struct {
   real8 values;
@@ -10,31 +10,36 @@ typedef struct {
   reals v[8];
 } eight;
 
-#if LANES == 8 && !DOUBLE
+#if ON_POCL && LANES == 8 && !DOUBLE
 #define LOW_PAIRS(a, b) ((float8)((a).s0, (b).s0, (a).s1, (b).s1, (a).s4, (b).s4, (a).s5, (b).s5))
 #define HIGH_PAIRS(a, b) ((float8)((a).s2, (b).s2, (a).s3, (b).s3, (a).s6, (b).s6, (a).s7, (b).s7))
 #define LOW_QUADS(a, b) ((float8)((a).s0, (a).s1, (b).s0, (b).s1, (a).s4, (a).s5, (b).s4, (b).s5))
 #define HIGH_QUADS(a, b) ((float8)((a).s2, (a).s3, (b).s2, (b).s3, (a).s6, (a).s7, (b).s6, (b).s7))
 
-static inline eight transposed(eight r)
+static inline void transpose(reals *v)
 {
-  const float8 p0 = LOW_PAIRS(r.v[0], r.v[1]), p1 = HIGH_PAIRS(r.v[0], r.v[1]);
-  const float8 p2 = LOW_PAIRS(r.v[2], r.v[3]), p3 = HIGH_PAIRS(r.v[2], r.v[3]);
-  const float8 p4 = LOW_PAIRS(r.v[4], r.v[5]), p5 = HIGH_PAIRS(r.v[4], r.v[5]);
-  const float8 p6 = LOW_PAIRS(r.v[6], r.v[7]), p7 = HIGH_PAIRS(r.v[6], r.v[7]);
+  const float8 p0 = LOW_PAIRS(v[0], v[1]), p1 = HIGH_PAIRS(v[0], v[1]);
+  const float8 p2 = LOW_PAIRS(v[2], v[3]), p3 = HIGH_PAIRS(v[2], v[3]);
+  const float8 p4 = LOW_PAIRS(v[4], v[5]), p5 = HIGH_PAIRS(v[4], v[5]);
+  const float8 p6 = LOW_PAIRS(v[6], v[7]), p7 = HIGH_PAIRS(v[6], v[7]);
   const float8 q0 = LOW_QUADS(p0, p2), q1 = HIGH_QUADS(p0, p2), q2 = LOW_QUADS(p1, p3), q3 = HIGH_QUADS(p1, p3);
   const float8 q4 = LOW_QUADS(p4, p6), q5 = HIGH_QUADS(p4, p6), q6 = LOW_QUADS(p5, p7), q7 = HIGH_QUADS(p5, p7);
-  const eight t = {{(float8)(q0.lo, q4.lo), (float8)(q1.lo, q5.lo), (float8)(q2.lo, q6.lo), (float8)(q3.lo, q7.lo),
-                    (float8)(q0.hi, q4.hi), (float8)(q1.hi, q5.hi), (float8)(q2.hi, q6.hi), (float8)(q3.hi, q7.hi)}};
-  return t;
+  v[0] = (float8)(q0.lo, q4.lo);
+  v[1] = (float8)(q1.lo, q5.lo);
+  v[2] = (float8)(q2.lo, q6.lo);
+  v[3] = (float8)(q3.lo, q7.lo);
+  v[4] = (float8)(q0.hi, q4.hi);
+  v[5] = (float8)(q1.hi, q5.hi);
+  v[6] = (float8)(q2.hi, q6.hi);
+  v[7] = (float8)(q3.hi, q7.hi);
 }
 #define ROW(space, place) (((space const unaligned8 *)(place))->values)
 #define LOAD_EIGHT(fields, space, place) /* place: of lane's first real */                            \
   eight fields;                                                                                       \
   for (int lane = 0; lane < LANES; ++lane) fields.v[lane] = ROW(space, place);                        \
-  fields = transposed(fields)
+  transpose(fields.v)
 #define STORE_EIGHT(fields, num, place)                                                                      \
-  fields = transposed(fields);                                                                               \
+  transpose(fields.v);                                                                               \
   for (int lane = 0; lane < (num); ++lane) ((global unaligned8 *)(place))->values = fields.v[lane]
 #else  // a row as one vector: rusticl steps by whole records through a record's words
 #define LOAD_EIGHT(fields, space, place)                                                                   \
