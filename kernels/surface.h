@@ -24,7 +24,7 @@ static inline reals3 select3(reals3 no, reals3 yes, masks mask)
 static inline Surface resolve_surface(constant View *view, reals x, reals y, reals depth, reals weight_sum,
                                       reals3 color_sum, reals3 normal_sum, reals depth_sum)
 {
-  const reals3 zero = {R(0.0), R(0.0), R(0.0)}, back = {R(0.0), R(0.0), R(-1.0)};
+  const reals3 zero = {R(0.0), R(0.0), R(0.0)};
   const reals3 d = {ray_x(view, x), ray_y(view, y), R(1.0)};
   Surface s;
   s.covered = MASK(weight_sum > R(0.0));
@@ -32,7 +32,11 @@ static inline Surface resolve_surface(constant View *view, reals x, reals y, rea
   const reals z = SELECT(s.mean_depth, depth, MASK(depth < (real)INFINITY));  // else only the pre-filter landed
   s.distance = ORTHOGRAPHIC ? z : square_root(dot3(d, d)) * z;
   s.position = ORTHOGRAPHIC ? (reals3){d.x, d.y, z} : scale3(d, z);
-  s.to_eye = ORTHOGRAPHIC ? back : select3(back, normalize3(scale3(d, R(-1.0))), s.covered);
+  s.to_eye.x = s.to_eye.y = R(0.0);  // one by one: rusticl copies such a constant wrongly
+  s.to_eye.z = R(-1.0);
+#if !ORTHOGRAPHIC
+  s.to_eye = select3(s.to_eye, normalize3(scale3(d, R(-1.0))), s.covered);
+#endif
   const reals3 albedo = {divide(color_sum.x, weight_sum), divide(color_sum.y, weight_sum),
                          divide(color_sum.z, weight_sum)};
   s.position = select3(zero, s.position, s.covered);
