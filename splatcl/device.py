@@ -137,6 +137,15 @@ def choose_device(wanted: str | int | None = None) -> DeviceInfo:
     raise DeviceError(f"no OpenCL device fits {wanted!r}; there are {known}")
 
 
+PRAGMAS = """\
+#pragma OPENCL FP_CONTRACT OFF
+#ifdef __clang__  // PoCL 3.1 would warn of each function that takes sixteen lanes where the CPU has vectors of eight
+#pragma clang diagnostic ignored "-Wpsabi"
+#endif
+"""
+"""Before every program: no product is fused with a sum."""
+
+
 class Program:
     """Kernels of one source file, built with one set of options; each kernel is retrieved once."""
 
@@ -144,7 +153,7 @@ class Program:
         import pyopencl as cl
 
         defines = "".join(f"#define {key} {value}\n" for key, value in options.items())
-        source = f"#pragma OPENCL FP_CONTRACT OFF\n{defines}{prelude}\n{inline_source(name, options)}"
+        source = f"{PRAGMAS}{defines}{prelude}\n{inline_source(name, options)}"
         try:
             program = cl.Program(context, source).build(options=_rounding_options(context.devices[0]))
         except cl.RuntimeError as error:
