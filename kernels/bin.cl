@@ -1,10 +1,12 @@
 // Bin: the splats that may touch each tile of the image, in splat order. A stable counting sort without atomics: each
 // chunk of consecutive splats counts its own, and writes where the chunks before it end.
+// LAYERED 1: each entry gets a clue as well, by which the projection passes over what nearer splats hide.
 // Bounds are generous and cheap: a box about the disc in eye space, in plain precision, and all that could go wrong
 // added. The exact ones, by which pixels are chosen, are those of project.cl.
 
 #include "arithmetic.h"
 #include "eye.h"
+#include "clue.h"
 
 #define FACING_SLACK R(1.52587890625e-5)  // of |t_u||t_v||c|: ten times what can be wrong with the sign of g.c
 #define CENTER_SLACK R(4.7683716e-7)      // of the products that a centre's coordinate is a sum of
@@ -12,6 +14,15 @@
 #define NEAR_SLACK R(1.1e-5)              // of the distance from the principal point: what project.cl gives a disc cut at near
 #define PIXEL_SLACK R(0.03125)
 #define CULL 2
+
+// A disc whose depth is sure: not steeper, with tangents not more parallel (squares of the cosine and the sine), and not
+// deeper, as a share of its centre's z. DEPTH_SLACK, of its extent, is ten times what its fragments' depths may then be
+// wrong by; DISTANCE_SLACK, of |c|, for its distance.
+#define SURE_TILT R(9.765625e-4)
+#define SURE_ANGLE R(3.90625e-3)
+#define SURE_DEEP R(0.25)
+#define DEPTH_SLACK R(0.015625)
+#define DISTANCE_SLACK R(1e-4)
 
 // LANES numbers from i on, a multiple of LANES, of each plane of a structure-of-arrays buffer.
 static inline reals3 load3(global const real *planes, int stride, int i)
@@ -83,9 +94,22 @@ static inline masks surely_away(reals3 tu, reals3 tv, reals3 c, reals error)
   return MASK(dot3(g, c) > size * (length1(c) * FACING_SLACK + error * R(2.0)));
 }
 
+// The pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
 typedef struct {
   range x, y;
+  reals near_z;
 } touched;
+
+// `deep` and `extent`: half a box about the disc, along z, and along all three axes together.
+static inline reals sure_depth(reals3 tu, reals3 tv, reals3 c, reals error, reals deep, reals extent)
+{
+  const reals3 g = cross3(tu, tv);
+  const reals along = ORTHOGRAPHIC ? g.z : dot3(g, c), area2 = dot3(g, g);
+  const masks sure = MASK(along * along > area2 * (ORTHOGRAPHIC ? (reals)R(1.0) : dot3(c, c)) * SURE_TILT) &
+                     MASK(area2 > dot3(tu, tu) * dot3(tv, tv) * SURE_ANGLE) & MASK(deep < c.z * SURE_DEEP);
+  const reals z = (c.z - deep) - (extent * DEPTH_SLACK + length1(c) * DISTANCE_SLACK + error);
+  return SELECT(R(0.0), at_least(z, R(0.0)), sure);
+}
 
 // `alive`, in and out: which of the splats are asked for, and which may touch a pixel.
 static inline touched touched_by(constant View *view, reals3 world, reals3 tu_world, reals3 tv_world, masks *alive)
@@ -93,7 +117,7 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   const reals3 turned = rotate(view, world), tu = rotate(view, tu_world), tv = rotate(view, tv_world);
   const reals3 c = {turned.x + view->t0_hi, turned.y + view->t1_hi, turned.z + view->t2_hi};
   const reals error = (length1(world) + view->reach) * CENTER_SLACK;
-  touched t = {{R(1.0), R(0.0)}, {R(1.0), R(0.0)}};
+  touched t = {{R(1.0), R(0.0)}, {R(1.0), R(0.0)}, R(0.0)};
   if (view->facing == CULL) *alive &= ~surely_away(tu, tv, c, error);
   const reals deep = square_root(tu.z * tu.z + tv.z * tv.z) * R(1.00001) + error;
   const reals near = view->near - magnitude_of(view->near) * R(1e-4);
@@ -127,54 +151,77 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   t.x = whole(x, (real)view->width);
   t.y = whole(y, (real)view->height);
   *alive &= MASK(t.x.first <= t.x.last) & MASK(t.y.first <= t.y.last);
+#if LAYERED
+  t.near_z = sure_depth(tu, tv, c, error, deep, wide + high + deep);
+#endif
   return t;
 }
 
-#define TILE_SHIFT (TILE == 8 ? 3 : TILE == 16 ? 4 : TILE == 32 ? 5 : 6)
 #define LANE(values) ((const bits *)&(values))[lane]
 
-// Column and row of the tiles of pixels, 16 bits each, as TouchedTiles has them.
-static inline masks tile_pair(reals x, reals y)
+// Column and row, in quarters of tiles' sides (clue.h), of pixels; 16 bits each, as TouchedQuarters has them.
+static inline masks quarters_of(reals x, reals y)
 {
-  return (whole_of(x) >> (bits)TILE_SHIFT) | ((whole_of(y) >> (bits)TILE_SHIFT) << (bits)16);
+  return (whole_of(x) >> (bits)QUARTER_SHIFT) | ((whole_of(y) >> (bits)QUARTER_SHIFT) << (bits)16);
 }
 
-#define COLUMN(pair) ((pair) & 0xffff)
-#define ROW(pair) ((pair) >> 16)
+#define X_OF(pair) ((pair) & 0xffff)
+#define Y_OF(pair) ((pair) >> 16)
 
-// List each chunk's splats that may touch the image, with the tiles; count them for each tile.
+#if DOUBLE
+#define NEAR_OF(t) NEAR_BITS(as_int((float)((const real *)&(t).near_z)[lane]))
+#else
+#define NEAR_OF(t) NEAR_BITS(((const bits *)&(t).near_z)[lane])
+#endif
+
+#define FOR_EACH_TILE(l)                                             \
+  for (int y = Y_OF((l).first) / 4; y <= Y_OF((l).last) / 4; ++y) \
+    for (int x = X_OF((l).first) / 4; x <= X_OF((l).last) / 4; ++x)
+
+// List each chunk's splats that may touch the image, with the pixels; for each tile count them and find the nearest.
 kernel void bin_count(constant View *view, global const real *center, global const real *tangent_u,
-                      global const real *tangent_v, const int num_splats, const int stride, const int spread, const int chunk_size,
-                      const int tiles_x, const int num_tiles, global TouchedTiles *lists, global int *num_listed,
-                      global int *tile_counts)
+                      global const real *tangent_v, const int num_splats, const int stride, const int spread,
+                      const int chunk_size, const int tiles_x, const int num_tiles, global TouchedQuarters *lists,
+                      global int *num_listed, global int *tile_counts, global int *tile_nearest)
 {
   const int chunk = get_global_id(0) * spread % get_global_size(0);
   const int begin = chunk * chunk_size, end = least(begin + chunk_size, num_splats);
   global int *counts = tile_counts + (long)chunk * num_tiles;
   for (int tile = 0; tile < num_tiles; ++tile) counts[tile] = 0;
+#if LAYERED
+  global int *nearest = tile_nearest + (long)chunk * num_tiles;
+  for (int tile = 0; tile < num_tiles; ++tile) nearest[tile] = UNKNOWN;
+#endif
   int place = begin;
   for (int i = begin; i < end; i += LANES) {
     masks alive = (masks)-1;
     const touched t =
         touched_by(view, load3(center, stride, i), load3(tangent_u, stride, i), load3(tangent_v, stride, i), &alive);
     if (!ANY(alive)) continue;
-    const masks first = tile_pair(t.x.first, t.y.first), last = tile_pair(t.x.last, t.y.last);
+    const masks first = quarters_of(t.x.first, t.y.first), last = quarters_of(t.x.last, t.y.last);
     const int listed = place;
     for (int lane = 0; lane < least(LANES, end - i); ++lane) {
-      lists[place] = (TouchedTiles){i + lane, LANE(first), LANE(last)};
+      lists[place] = (TouchedQuarters){i + lane, LANE(first), LANE(last), NEAR_OF(t)};
       place -= LANE(alive);
     }
     for (int k = listed; k < place; ++k) {
-      const TouchedTiles l = lists[k];
-      for (int y = ROW(l.first); y <= ROW(l.last); ++y)
-        for (int x = COLUMN(l.first); x <= COLUMN(l.last); ++x) ++counts[y * tiles_x + x];
+      const TouchedQuarters l = lists[k];
+      FOR_EACH_TILE(l) {
+        const int tile = y * tiles_x + x;
+        ++counts[tile];
+#if LAYERED
+        nearest[tile] = l.near_z ? least(nearest[tile], l.near_z) : nearest[tile];
+#endif
+      }
     }
   }
   num_listed[chunk] = place - begin;
 }
 
-// Turn each tile's counts into the place, within its list, where each chunk begins; and give the list's length.
-kernel void bin_offsets(global int *tile_counts, global int *totals, const int num_chunks, const int num_tiles)
+// Turn each tile's counts into the place, within its list, where each chunk begins; and give the list's length, and how
+// deep its first layer goes: `thickness` (perspective: times z) behind the nearest.
+kernel void bin_offsets(global int *tile_counts, global const int *tile_nearest, const int num_chunks,
+                        const int num_tiles, const float thickness, global int *totals, global int *layer_ends)
 {
   const int tile = get_global_id(0);
   int total = 0;
@@ -184,22 +231,40 @@ kernel void bin_offsets(global int *tile_counts, global int *totals, const int n
     total += count;
   }
   totals[tile] = total;
+#if LAYERED
+  int nearest = UNKNOWN;
+  for (int chunk = 0; chunk < num_chunks; ++chunk)
+    nearest = least(nearest, tile_nearest[(long)chunk * num_tiles + tile]);
+  const float z = as_float(nearest);
+  layer_ends[tile] = nearest == UNKNOWN ? UNKNOWN : as_int(ORTHOGRAPHIC ? z + thickness : z + z * thickness);
+#endif
+}
+
+// The quarters of a tile's side that lie in [first, last], two bits each.
+static inline int clue_of(int tile, int first, int last)
+{
+  return (first / 4 == tile ? first & 3 : 0) | (last / 4 == tile ? last & 3 : 3) << 2;
 }
 
 // Write the lists of the tiles [first_tile, last_tile).
-kernel void bin_scatter(global const TouchedTiles *lists, global const int *num_listed, const int spread, const int chunk_size,
-                        global int *tile_offsets, global const int *tile_begin, global int *ids, const int tiles_x,
-                        const int num_tiles, const int first_tile, const int last_tile)
+kernel void bin_scatter(global const TouchedQuarters *lists, global const int *num_listed, const int spread,
+                        const int chunk_size, global int *tile_offsets, global const int *tile_begin, global int *ids,
+                        global int *clues, const int tiles_x, const int num_tiles, const int first_tile,
+                        const int last_tile)
 {
   const int chunk = get_global_id(0) * spread % get_global_size(0);
   const int begin = chunk * chunk_size, end = begin + num_listed[chunk];
   global int *offsets = tile_offsets + (long)chunk * num_tiles;
   for (int i = begin; i < end; ++i) {
-    const TouchedTiles l = lists[i];
-    for (int y = ROW(l.first); y <= ROW(l.last); ++y)
-      for (int x = COLUMN(l.first); x <= COLUMN(l.last); ++x) {
-        const int tile = y * tiles_x + x;
-        if (tile >= first_tile && tile < last_tile) ids[tile_begin[tile - first_tile] + offsets[tile]++] = l.id;
-      }
+    const TouchedQuarters l = lists[i];
+    FOR_EACH_TILE(l) {
+      const int tile = y * tiles_x + x;
+      if (tile < first_tile || tile >= last_tile) continue;
+      const int place = tile_begin[tile - first_tile] + offsets[tile]++;
+      ids[place] = l.id;
+#if LAYERED
+      clues[place] = l.near_z | clue_of(x, X_OF(l.first), X_OF(l.last)) | clue_of(y, Y_OF(l.first), Y_OF(l.last)) << 4;
+#endif
+    }
   }
 }

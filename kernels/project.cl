@@ -1,12 +1,19 @@
 // Project: the splats of the tile lists -> the records that the raster passes stream, one for each entry.
 // Centres may have a low word (CENTER_LOW 1: float64 input in single precision).
 // A work-item takes ENTRIES entries, LANES at a time.
+//
+// LAYER  EVERY entry; or first those in FRONT, and when these are drawn, those BEHIND that they do not hide
 
 #include "arithmetic.h"
 #include "eye.h"
 #include "lanes.h"
 #include "transpose.h"
 #include "projected.h"
+#include "clue.h"
+
+#define EVERY 0
+#define FRONT 1
+#define BEHIND 2
 
 // Coverage is decided per pixel (splat.h); bounds only have to be safe. SLACK_PIXELS covers the rounding of the
 // pixel offsets, the relative terms that of the coefficients, which grows with 1/cos(tilt).
@@ -276,31 +283,101 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
 // before. (Waiting for them took half of the projection's time; prefetch() does nothing in PoCL.)
 #define AHEAD 24
 #if ON_POCL
-#define ASK_FOR(splat)                                     \
-  __builtin_prefetch((global const real *)(splat));        \
-  __builtin_prefetch((global const real *)((splat) + 1) - 1)
+#define ASK_FOR(splat) (__builtin_prefetch((global const real *)(splat)), __builtin_prefetch((global const real *)((splat) + 1) - 1))
 #else
 #define ASK_FOR(splat)
 #endif
 
-#define LOW(lane, axis) center_low[3 * place[lane] + axis]
+#define LOW(lane, axis) center_low[3 * ids[entry[lane]] + axis]
 
-// A record for each entry of the tile lists.
+// The tile lists of a band, and by what an entry is chosen for a layer.
+typedef struct {
+  global const int *clues, *begin, *layer_ends;
+  int num_tiles, first_tile, tiles_x;
+  global const real *depth;
+  real epsilon;
+} tile_lists;
+
+// The tile whose list holds the entry i.
+static inline int tile_of(const tile_lists *l, int i)
+{
+  int low = 0, high = l->num_tiles;
+  while (high - low > 1) {
+    const int middle = (low + high) / 2;
+    low = l->begin[middle] <= i ? middle : low;
+    high = l->begin[middle] <= i ? high : middle;
+  }
+  return low;
+}
+
+// Append the entries in [begin, end) whose nearest depth is in (after, upto].
+static inline int append_between(global const int *clues, int begin, int end, int after, int upto, int *entry, int num)
+{
+  for (int i = begin; i < end; ++i) {
+    const int z = NEAR_BITS(clues[i]);
+    entry[num] = i;
+    num += (z > after) & (z <= upto);
+  }
+  return num;
+}
+
+// The entries in [begin, end) that this layer is to project; return how many.
+static inline int entries_of_layer(constant View *view, const tile_lists *l, int begin, int end, int *entry)
+{
+  int num = 0;
+#if LAYER == EVERY
+  for (int i = begin; i < end; ++i) entry[num++] = i;
+#else
+  int tile = tile_of(l, begin);
+  for (int i = begin; i < end; ++tile) {
+    const int stop = least(end, l->begin[tile + 1]), layer_end = l->layer_ends[l->first_tile + tile];
+#if LAYER == FRONT
+    num = append_between(l->clues, i, stop, -1, layer_end, entry, num);
+#else
+    const int left = (l->first_tile + tile) % l->tiles_x * TILE, top = (l->first_tile + tile) / l->tiles_x * TILE;
+    const hiding h = hiding_of(l->depth, left, top, view->width, view->height, l->epsilon);
+    const int candidates = append_between(l->clues, i, stop, layer_end, h.beyond, entry, num);
+    for (int k = num; k < candidates; ++k) {
+      entry[num] = entry[k];
+      num += may_show(l->clues[entry[k]], &h);
+    }
+#endif
+    i = stop;
+  }
+#endif
+  return num;
+}
+
+// A record for each entry of the tile lists that LAYER names: EVERY one; those in FRONT; or those BEHIND that `depth`,
+// to which the front has been drawn, does not hide. Of the others near_z says that there are no pixels.
 kernel void project(constant View *view, global const Splat *splats, global const real *center_low,
-                    global const int *ids, const int first, const int num_entries, global ProjectedSplat *records,
-                    global SplatAttributes *attributes, global uint2 *boxes_drawn, global real *disc_near_z,
-                    global real *near_z)
+                    global const int *ids, global const int *clues, const int first, const int num_entries,
+                    global const int *tile_begin, global const int *layer_ends, const int num_tiles,
+                    const int first_tile, const int tiles_x, global const real *depth, const real epsilon,
+                    global ProjectedSplat *records, global SplatAttributes *attributes, global uint2 *boxes_drawn,
+                    global real *disc_near_z, global real *near_z)
 {
   const outputs to = {records, attributes, boxes_drawn, disc_near_z, near_z};
+  const tile_lists lists = {clues + first, tile_begin, layer_ends, num_tiles, first_tile, tiles_x, depth, epsilon};
   const int begin = get_global_id(0) * ENTRIES, end = least(begin + ENTRIES, num_entries);
-  for (int i = begin; i < end; i += LANES) {
-    int place[LANES];
+  ids += first;
+#if LAYER != EVERY
+  for (int i = begin; i < end; ++i) disc_near_z[i] = (real)NAN;
+#endif
+#if LAYER == FRONT
+  for (int i = begin; i < end; ++i) near_z[i] = (real)NAN;
+#endif
+  int chosen[ENTRIES + 1];
+  const int num = entries_of_layer(view, &lists, begin, end, chosen);
+  for (int i = 0; i < least(AHEAD, num); ++i) ASK_FOR(splats + ids[chosen[i]]);
+  for (int i = 0; i < num; i += LANES) {
+    int entry[LANES];
     for (int lane = 0; lane < LANES; ++lane) {
-      place[lane] = ids[first + least(i + lane, end - 1)];
-      ASK_FOR(splats + ids[first + least(i + lane + AHEAD, end - 1)]);
+      entry[lane] = chosen[least(i + lane, num - 1)];
+      ASK_FOR(splats + ids[chosen[least(i + lane + AHEAD, num - 1)]]);
     }
-    LOAD_EIGHT(a, global, splats + place[lane]);
-    LOAD_EIGHT(b, global, &splats[place[lane]].uy);  // words 4 to 11
+    LOAD_EIGHT(a, global, splats + ids[entry[lane]]);
+    LOAD_EIGHT(b, global, &splats[ids[entry[lane]]].uy);  // words 4 to 11
     const reals3 world = {a.v[0], a.v[1], a.v[2]}, tu = {a.v[3], b.v[0], b.v[1]};
     const reals3 tv = {b.v[2], b.v[3], b.v[4]}, color = {b.v[5], b.v[6], b.v[7]};
 #if CENTER_LOW
@@ -309,6 +386,6 @@ kernel void project(constant View *view, global const Splat *splats, global cons
     const reals3 world_low = world;
 #endif
     const projected s = project_splats(view, world, world_low, tu, tv);
-    store_records(&to, i, least(LANES, end - i), &s, color);
+    store_records(&to, entry, least(LANES, num - i), &s, color);
   }
 }

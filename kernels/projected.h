@@ -22,7 +22,7 @@ static inline box_words words_of(const boxes *b)
   return w;
 }
 
-// Where the records of consecutive entries go.
+// Where the records of entries go.
 typedef struct {
   global ProjectedSplat *records;
   global SplatAttributes *attributes;
@@ -32,8 +32,8 @@ typedef struct {
 
 #define WORD(values) ((uint)((const bits *)&(values))[lane])
 
-// Write the records of `num` entries from `i` on, a multiple of LANES; near_z of LANES.
-static inline void store_records(const outputs *to, int i, int num, const projected *s, reals3 color)
+// Write the records of `num` entries.
+static inline void store_records(const outputs *to, const int *entry, int num, const projected *s, reals3 color)
 {
   const box_words disc = words_of(&s->disc), drawn = words_of(&s->drawn);
 #if DOUBLE
@@ -42,13 +42,16 @@ static inline void store_records(const outputs *to, int i, int num, const projec
   const reals box_low = AS_REALS(disc.low), box_high = AS_REALS(disc.high);
 #endif
   eight first = {{s->pixel_x, s->pixel_y, s->offset_x, s->offset_y, s->u_x, s->u_y, s->v_x, s->v_y}};
-  STORE_EIGHT(first, num, to->records + i + lane);
+  STORE_EIGHT(first, num, to->records + entry[lane]);
   eight second = {{s->g_x, s->g_y, s->z, s->u_1, s->v_1, s->center_z, box_low, box_high}};
-  STORE_EIGHT(second, num, &to->records[i + lane].g_x);
+  STORE_EIGHT(second, num, &to->records[entry[lane]].g_x);
   eight third = {{color.x, color.y, color.z, s->normal_x, s->normal_y, s->normal_z, s->prefilter_x, s->prefilter_y}};
-  STORE_EIGHT(third, num, to->attributes + i + lane);
-  for (int lane = 0; lane < num; ++lane) to->boxes[i + lane] = (uint2)(WORD(drawn.low), WORD(drawn.high));
+  STORE_EIGHT(third, num, to->attributes + entry[lane]);
   const masks no_disc = MASK(s->disc.x_first > s->disc.x_last), nothing = MASK(s->drawn.x_first > s->drawn.x_last);
-  ((global reals *)to->disc_near_z)[i / LANES] = SELECT(s->near_z, (real)NAN, no_disc);
-  ((global reals *)to->near_z)[i / LANES] = SELECT(s->near_z, (real)NAN, nothing);
+  const reals disc_near_z = SELECT(s->near_z, (real)NAN, no_disc), near_z = SELECT(s->near_z, (real)NAN, nothing);
+  for (int lane = 0; lane < num; ++lane) {
+    to->boxes[entry[lane]] = (uint2)(WORD(drawn.low), WORD(drawn.high));
+    to->disc_near_z[entry[lane]] = ((const real *)&disc_near_z)[lane];
+    to->near_z[entry[lane]] = ((const real *)&near_z)[lane];
+  }
 }

@@ -1,5 +1,7 @@
 // Visibility pass: depth(p) = min z over splats whose disc the pixel's ray hits, and which splat that was.
 // A work-item takes one region of a tile and streams the tile's run; the pre-filter takes no part.
+//
+// BEHIND_FRONT  1: in front of what has been drawn already (project.cl, LAYER)
 
 #include "arithmetic.h"
 #include "splat.h"
@@ -11,7 +13,7 @@
 
 // The nearest so far at each pixel of a region.
 typedef struct {
-  real depth[REACHED_PIXELS];
+  real depth[REACHED_PIXELS] __attribute__((aligned(sizeof(reals))));
   uint particleid[REGION_PIXELS];
 } front;
 
@@ -103,14 +105,17 @@ static inline void batch(front *f, global const ProjectedSplat *records, global 
 // The depth behind which nothing can be in front of anything: +inf until every pixel is covered.
 static inline real farthest_of(const front *f)
 {
-  real farthest = -(real)INFINITY;
-  for (int p = 0; p < REGION_PIXELS; ++p) farthest = f->depth[p] > farthest ? f->depth[p] : farthest;
-  return farthest;
+  reals farthest = (reals)-(real)INFINITY;
+  for (int p = 0; p < REGION_PIXELS; p += LANES) farthest = at_least(*(const reals *)(f->depth + p), farthest);
+  real most = -(real)INFINITY;
+  for (int lane = 0; lane < LANES; ++lane) most = LANE_OF(farthest, lane) > most ? LANE_OF(farthest, lane) : most;
+  return most;
 }
 
 kernel void visibility(global const ProjectedSplat *records, global const real *near_z, global const int *ids,
-                       const int first_entry, global const int *tile_begin, const int first_tile, const int tiles_x, const int width, const int height, const real near,
-                       const real far, global real *depth, global uint *particleid)
+                       const int first_entry, global const int *tile_begin, const int first_tile, const int tiles_x,
+                       const int width, const int height, const real near, const real far, global real *depth,
+                       global uint *particleid)
 {
   const region w = region_of(get_global_id(0), first_tile, tiles_x);
   const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
@@ -118,7 +123,14 @@ kernel void visibility(global const ProjectedSplat *records, global const real *
   for (int p = 0; p < REACHED_PIXELS; ++p) f.depth[p] = -(real)INFINITY;  // beside the image nothing is waited for
   for (int p = 0; p < REGION_PIXELS; ++p) f.particleid[p] = NO_SPLAT;
   for (int y = 0; y < least(REGION, height - w.y); ++y)
-    for (int x = 0; x < least(REGION, width - w.x); ++x) f.depth[y * REGION + x] = (real)INFINITY;
+    for (int x = 0; x < least(REGION, width - w.x); ++x) {
+#if BEHIND_FRONT
+      f.depth[y * REGION + x] = depth[(long)(w.y + y) * width + w.x + x];
+      f.particleid[y * REGION + x] = particleid[(long)(w.y + y) * width + w.x + x];
+#else
+      f.depth[y * REGION + x] = (real)INFINITY;
+#endif
+    }
   int place[QUEUE + LANES];
   int num = 0;
   for (int i = begin; i < end; i += QUEUE) {

@@ -33,8 +33,9 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
         + [(name, "i4") for name in ("width", "height", "facing", "prefilter", "prefilter_at_bounds")],
         # 48 bytes: a splat in world space, relative to the origin, as the projection fetches it.
         "Splat": _reals(real, "x", "y", "z", "ux", "uy", "uz", "vx", "vy", "vz", "red", "green", "blue"),
-        # 12 bytes: the tiles that a splat may touch, ends included, column and row in 16 bits each (bin.cl).
-        "TouchedTiles": [(name, "i4") for name in ("id", "first", "last")],
+        # 16 bytes: what a splat may touch, in quarters of tiles, ends included, column and row in 16 bits each, and a
+        # depth that it is not nearer than (bin.cl, clue.h).
+        "TouchedQuarters": [(name, "i4") for name in ("id", "first", "last", "near_z")],
         # 64 bytes: all that the visibility pass needs to intersect a ray with the splat (splat.h), and the pixels of
         # its disc; in two eights of reals (transpose.h), the last two of them the pixels.
         "ProjectedSplat": _reals(real, "pixel_x", "pixel_y", "offset_x", "offset_y", "u_x", "u_y", "v_x", "v_y")

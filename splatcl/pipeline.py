@@ -24,17 +24,21 @@ if TYPE_CHECKING:
 
 MAX_CHUNKS = 64
 MIN_CHUNK = 1024
-ENTRIES_PER_ITEM = 256
+ENTRIES_PER_ITEM = 1024
 """Entries of the tile lists that a work-item of the projection takes."""
 PIXEL_GROUP = 64
 """Work-items per group where each takes one pixel; it must divide the smallest tile."""
 FEW_TILES, MANY_ENTRIES = 8, 4096
 """A band of fewer tiles, with more entries a tile than that, is cut into smaller work-items."""
-MAX_BAND_RECORDS = 96 << 10
-"""Records of one band of tiles, 10 MB in single precision, which caches hold; a single tile may need more."""
+MAX_BAND_RECORDS = 384 << 10
+"""Records of one band of tiles, 43 MB in single precision: a few launches for each; a single tile may need more."""
 MAX_LIST_ENTRIES = 128 << 20
 """Entries of the tile lists held together: 512 MiB; a single tile may need more."""
 FACING = {"keep": 0, "flip": 1, "cull": 2}
+EVERY, FRONT, BEHIND = 0, 1, 2
+"""Layers of the tile lists: every entry; those near the nearest of their tile; those behind that they do not hide."""
+FRONT_THICKNESS = 2
+"""Of a tile's front layer, in widths of the tile."""
 
 
 @dataclass(frozen=True)
@@ -42,9 +46,12 @@ class TileLists:
     """Splats that may touch each tile of the band [first_tile, last_tile), a run for each tile, in splat order.
 
     The band's entries are `ids[start:start + begin[-1]]`; tile t's among them are from begin[t - first_tile].
+    Where there are layers, `clues` says of each entry, and `layer_ends` of each tile of the image, which it is in.
     """
 
     ids: Any
+    clues: Any
+    layer_ends: Any
     start: int
     begin: NDArray[np.int32]
     begin_buffer: Any
@@ -56,8 +63,8 @@ class TileLists:
 class ProjectedSplats:
     """A record for each entry of the tile lists, with the pixels of its disc and those of its pre-filter as well.
 
-    `near_z` is a depth that no fragment is nearer than, `disc_near_z` the same for the disc alone; NaN where there
-    are no pixels.
+    `near_z` is a depth that no fragment is nearer than, `disc_near_z` the same for the disc alone and only for this
+    layer; NaN where there are no pixels, and where the entry was not projected.
     """
 
     records: Any
@@ -104,6 +111,8 @@ class Passes:
         self.tiles_x = -(-camera.width // tile_size)
         self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
         self.num_pixels = camera.width * camera.height
+        # Where what faces away is culled, little is hidden.
+        self.layers = (EVERY,) if settings.facing == "cull" else (FRONT, BEHIND)
 
     def run(self, kernel: str, size: tuple[int, ...], *args: Any, group: int = 1, **options: str | int) -> None:
         """Run `kernel` of the file that its name begins with, built for this frame, over `size` work-items.
@@ -179,26 +188,33 @@ def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists
     chunk_size = -(-per_chunk // PLANE_PAD) * PLANE_PAD
     num_chunks = -(-splats.num_splats // chunk_size)
     spread = _spread(num_chunks)
-    listed = device.scratch("listed", splats.num_splats * passes.dtypes["TouchedTiles"].itemsize)
+    options = {"LAYERED": int(len(passes.layers) > 1), "CENTER_LOW": 0}
+    listed = device.scratch("listed", splats.num_splats * passes.dtypes["TouchedQuarters"].itemsize)
     num_listed = device.scratch("num_listed", num_chunks * 4)
     tile_counts = device.scratch("tile_counts", num_chunks * num_tiles * 4)
+    tile_nearest = device.scratch("tile_nearest", options["LAYERED"] * num_chunks * num_tiles * 4)
     passes.run(
         "bin_count", (num_chunks,), view, splats.center, splats.tangent_u, splats.tangent_v, splats.num_splats,
-        splats.stride, spread, chunk_size, tiles_x, num_tiles, listed, num_listed, tile_counts, CENTER_LOW=0,
+        splats.stride, spread, chunk_size, tiles_x, num_tiles, listed, num_listed, tile_counts, tile_nearest, **options,
     )  # fmt: skip
-    totals_buffer = device.scratch("tile_totals", num_tiles * 4)
-    passes.run("bin_offsets", (num_tiles,), tile_counts, totals_buffer, num_chunks, num_tiles)
+    totals_buffer, layer_ends = (device.scratch(name, num_tiles * 4) for name in ("tile_totals", "layer_ends"))
+    thickness = np.float32(FRONT_THICKNESS * passes.tile_size / passes.camera.fx)
+    passes.run(
+        "bin_offsets", (num_tiles,), tile_counts, tile_nearest, num_chunks, num_tiles, thickness, totals_buffer,
+        layer_ends, **options,
+    )  # fmt: skip
     totals = device.read(totals_buffer, (num_tiles,), np.int32)
     for first, last in bands(totals, MAX_LIST_ENTRIES):
         begin = _starts(totals[first:last])
         ids = device.scratch("ids", int(begin[-1]) * 4)
+        clues = device.scratch("clues", options["LAYERED"] * int(begin[-1]) * 4)
         passes.run(
             "bin_scatter", (num_chunks,), listed, num_listed, spread, chunk_size, tile_counts, passes.constant(begin),
-            ids, tiles_x, num_tiles, first, last,
+            ids, clues, tiles_x, num_tiles, first, last, **options,
         )  # fmt: skip
         for a, b in bands(totals[first:last], MAX_BAND_RECORDS):
             own = begin[a : b + 1] - begin[a]
-            yield TileLists(ids, int(begin[a]), own, passes.constant(own), first + a, first + b)
+            yield TileLists(ids, clues, layer_ends, int(begin[a]), own, passes.constant(own), first + a, first + b)
 
 
 def in_order(passes: Passes, num_splats: int) -> Iterator[TileLists]:
@@ -210,7 +226,7 @@ def in_order(passes: Passes, num_splats: int) -> Iterator[TileLists]:
 def listed(passes: Passes, ids: NDArray[np.int32]) -> TileLists:
     """Return given splats as the list of a tile."""
     begin = np.array([0, len(ids)], np.int32)
-    return TileLists(passes.constant(ids), 0, begin, passes.constant(begin), 0, 1)
+    return TileLists(passes.constant(ids), None, None, 0, begin, passes.constant(begin), 0, 1)
 
 
 def _spread(num: int) -> int:
@@ -225,8 +241,19 @@ def _starts(lengths: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
 
 
-def project(passes: Passes, view: Any, splats: ResidentSplats, lists: TileLists) -> ProjectedSplats:
-    """Project, cull and bound the splat of each entry (kernels/project.cl)."""
+def project(
+    passes: Passes,
+    view: Any,
+    splats: ResidentSplats,
+    lists: TileLists,
+    layer: int = EVERY,
+    depth: DepthBuffer | None = None,
+    epsilon: float = 0.0,
+) -> ProjectedSplats:
+    """Project, cull and bound the splat of each entry of `layer` (kernels/project.cl).
+
+    Those `BEHIND` are only projected where `depth`, which has those in `FRONT`, does not hide them.
+    """
     num_entries = int(lists.begin[-1])
     sizes = {
         "records": passes.dtypes["ProjectedSplat"].itemsize,
@@ -238,8 +265,10 @@ def project(passes: Passes, view: Any, splats: ResidentSplats, lists: TileLists)
     buffers = [passes.device.scratch(name, (num_entries + PLANE_PAD) * size) for name, size in sizes.items()]
     passes.run(
         "project", (-(-num_entries // ENTRIES_PER_ITEM),), view, splats.splats, splats.center_low or splats.splats,
-        lists.ids, lists.start, num_entries, *buffers, ENTRIES=ENTRIES_PER_ITEM,
-        CENTER_LOW=int(splats.center_low is not None),
+        lists.ids, lists.clues or lists.ids, lists.start, num_entries, lists.begin_buffer,
+        lists.layer_ends or lists.ids, lists.last_tile - lists.first_tile, lists.first_tile, passes.tiles_x,
+        depth.depth if depth else splats.splats, float(epsilon), *buffers, ENTRIES=ENTRIES_PER_ITEM,
+        CENTER_LOW=int(splats.center_low is not None), LAYER=layer,
     )  # fmt: skip
     return ProjectedSplats(*buffers)
 
@@ -260,13 +289,15 @@ def frame_buffers(passes: Passes) -> tuple[DepthBuffer, GBuffer]:
     return depth, GBuffer(passes.image(), passes.image(3), passes.image(3), passes.image(), passes.image(dtype="u4"))
 
 
-def visibility(passes: Passes, lists: TileLists, projected: ProjectedSplats, depth: DepthBuffer) -> None:
+def visibility(
+    passes: Passes, lists: TileLists, projected: ProjectedSplats, depth: DepthBuffer, layer: int = EVERY
+) -> None:
     """Fill the band's part of `depth`: the nearest disc of each pixel (kernels/visibility.cl)."""
     camera = passes.camera
     passes.run_raster(
         "visibility", lists, projected.records, projected.disc_near_z, lists.ids, lists.start, lists.begin_buffer,
-        lists.first_tile, passes.tiles_x,
-        camera.width, camera.height, camera.near, camera.far, depth.depth, depth.particleid,
+        lists.first_tile, passes.tiles_x, camera.width, camera.height, camera.near, camera.far, depth.depth,
+        depth.particleid, BEHIND_FRONT=int(layer == BEHIND),
     )  # fmt: skip
 
 

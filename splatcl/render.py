@@ -144,8 +144,9 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
     view = passes.view(on_device.origin)
     depth, gbuffer = pipeline.frame_buffers(passes)
     for lists in pipeline.bin(passes, view, on_device):
-        projected = pipeline.project(passes, view, on_device, lists)
-        pipeline.visibility(passes, lists, projected, depth)
+        for layer in passes.layers:
+            projected = pipeline.project(passes, view, on_device, lists, layer, depth, epsilon)
+            pipeline.visibility(passes, lists, projected, depth, layer)
         pipeline.attributes(passes, view, lists, projected, depth, epsilon, gbuffer)
     color = pipeline.shade(passes, view, depth, gbuffer)
     aovs = DeviceAovs(passes, view, depth, gbuffer, color)

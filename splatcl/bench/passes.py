@@ -93,7 +93,7 @@ class FramePasses:
             **tally.totals,
             num_pixels=passes.num_pixels,
             plane_bytes=9 * real,
-            touched_bytes=dtypes["TouchedTiles"].itemsize,
+            touched_bytes=dtypes["TouchedQuarters"].itemsize,
             splat_bytes=dtypes["Splat"].itemsize + low_words * real,
             record_bytes=dtypes["ProjectedSplat"].itemsize,
             attribute_bytes=dtypes["SplatAttributes"].itemsize,
