@@ -99,7 +99,7 @@ class Passes:
     ) -> None:
         self.device, self.camera, self.settings, self.tile_size = device, camera, settings, tile_size
         self.precision, self.real = precision, np.dtype(REAL[precision])
-        self.dtypes, self.declarations = structs(device.info.handle, REAL[precision])
+        self.dtypes, self.declarations = structs(REAL[precision])
         self.lanes = device.lanes_of(self.real)
         self.tiles_x = -(-camera.width // tile_size)
         self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
