@@ -142,8 +142,6 @@ static inline extent widened(extent disc, reals filter, reals radius, reals slac
   return e;
 }
 
-#define LANE_OF(values, lane) (((const real *)&(values))[lane])
-
 // The pixels of an extent in an image `size` pixels large: the next whole number and the last one.
 static inline extent in_image(extent e, real size)
 {
