@@ -110,8 +110,8 @@ INLINE range weights_between(const frame *f, reals r_low, reals r_high)
   range w = {least_of(a, b), most_of(a, b)};
   const real rounding = KERNEL == TABLE_NEAREST ? R(0.5) : R(0.0);
   for (int lane = 0; lane < LANES; ++lane) {
-    const real low = ((const real *)&r_low)[lane] * (real)(f->table_size - 1) - rounding;
-    const int last = (int)(((const real *)&r_high)[lane] * (real)(f->table_size - 1) + rounding);
+    const real low = LANE_OF(r_low, lane) * (real)(f->table_size - 1) - rounding;
+    const int last = (int)(LANE_OF(r_high, lane) * (real)(f->table_size - 1) + rounding);
     for (int k = low > R(0.0) ? (int)low + ((real)(int)low < low) : 0; k <= last; ++k) {
       real *least = (real *)&w.low + lane, *most = (real *)&w.high + lane;
       if (f->table[k] < *least) *least = f->table[k];

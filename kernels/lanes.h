@@ -29,6 +29,8 @@
 #endif
 #define BLOCK_Y (LANES / BLOCK_X)
 
+#define LANE_OF(values, lane) (((const real *)&(values))[lane])
+
 // Pixels of LANES boxes, ends included; none where x_first > x_last or y_first > y_last.
 typedef struct {
   reals x_first, x_last, y_first, y_last;

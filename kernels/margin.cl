@@ -97,8 +97,6 @@ INLINE void decide(constant View *view, global const NearbySplat *s, int i, int 
   consider(p, k, magnitude((p->depth[k] + tolerance) - z), scale + tolerance, tested);
 }
 
-#define LANE_OF(values) (((const real *)&(values))[lane])
-
 // The blocks of a region that a splat's bounds touch, ends included.
 typedef struct {
   int x_first, x_last, y_first, y_last;
@@ -141,8 +139,8 @@ kernel void margin(constant View *view, global const NearbySplat *records, globa
     for (int lane = 0; lane < LANES; ++lane) {
       const int x = p.at[k].x + lane % BLOCK_X, y = p.at[k].y + lane / BLOCK_X;
       if (x >= view->width || y >= view->height) continue;
-      const real least = LANE_OF(p.units[k]);
+      const real least = LANE_OF(p.units[k], lane);
       units[(long)y * view->width + x] = (float)least;
-      raw[(long)y * view->width + x] = least < MAX_MARGIN ? (float)LANE_OF(p.raw[k]) : (float)INFINITY;
+      raw[(long)y * view->width + x] = least < MAX_MARGIN ? (float)LANE_OF(p.raw[k], lane) : (float)INFINITY;
     }
 }

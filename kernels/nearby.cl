@@ -142,29 +142,25 @@ static inline extent widened(extent disc, reals filter, reals radius, reals slac
   return e;
 }
 
-#define LANE_OF(values, lane) (((const real *)&(values))[lane])
-
 // The pixels of an extent in an image `size` pixels large: the next whole number and the last one.
 static inline extent in_image(extent e, real size)
 {
-  extent c = {at_most(at_least(e.low, R(0.0)), size), at_least(at_most(e.high, size - R(1.0)), R(-1.0))};
+  extent c = {round_up(at_most(at_least(e.low, R(0.0)), size)),
+              round_down(at_least(at_most(e.high, size - R(1.0)), R(-1.0)))};
   return c;
 }
-
-static inline int first_pixel(real low) { return (int)low + ((real)(int)low < low); }
-static inline int last_pixel(real high) { return (int)(high + R(1.0)) - 1; }
 
 // Every splat's first and last x and y, x_first > x_last where none; splats of each chunk in each tile.
 kernel void nearby_count(constant View *view, global const real *world, const int num_splats, const int chunk_size,
                          global short4 *bounds, global int *tile_counts, const int tiles_x, const int num_tiles)
 {
   const int chunk = get_global_id(0);
-  const int begin = chunk * chunk_size, end = min(begin + chunk_size, num_splats);
+  const int begin = chunk * chunk_size, end = least(begin + chunk_size, num_splats);
   global int *counts = tile_counts + (long)chunk * num_tiles;
   for (int tile = 0; tile < num_tiles; ++tile) counts[tile] = 0;
   for (int i = begin; i < end; i += LANES) {
     int place[LANES];
-    for (int lane = 0; lane < LANES; ++lane) place[lane] = min(i + lane, end - 1);
+    for (int lane = 0; lane < LANES; ++lane) place[lane] = least(i + lane, end - 1);
     const splats s = splats_at(view, world, place);
     extent x = disc_x(view, &s), y = disc_y(view, &s);
     const prefilters p = prefilter_of(view, &s, x, y);
@@ -182,8 +178,7 @@ kernel void nearby_count(constant View *view, global const real *world, const in
     x = in_image(x, (real)view->width);
     y = in_image(y, (real)view->height);
     for (int lane = 0; lane < LANES && i + lane < end; ++lane) {
-      const short4 b = {first_pixel(LANE_OF(x.low, lane)), first_pixel(LANE_OF(y.low, lane)),
-                        last_pixel(LANE_OF(x.high, lane)), last_pixel(LANE_OF(y.high, lane))};
+      const short4 b = {LANE_OF(x.low, lane), LANE_OF(y.low, lane), LANE_OF(x.high, lane), LANE_OF(y.high, lane)};
       const int some = b.x <= b.z && b.y <= b.w;
       bounds[i + lane] = some ? b : (short4)(1, 1, 0, 0);
       if (!some) continue;
@@ -201,7 +196,7 @@ kernel void nearby_list(global const real4 *world, global const short4 *bounds, 
                         const int last_tile)
 {
   const int chunk = get_global_id(0);
-  const int begin = chunk * chunk_size, end = min(begin + chunk_size, num_splats);
+  const int begin = chunk * chunk_size, end = least(begin + chunk_size, num_splats);
   global int *offsets = tile_offsets + (long)chunk * num_tiles;
   for (int i = begin; i < end; ++i) {
     const short4 b = bounds[i];
@@ -259,10 +254,10 @@ static inline reals nearest_z(const splats *s)
 kernel void nearby_records(constant View *view, global const real *world, global const short4 *bounds, const int first,
                            const int num_entries, global NearbySplat *records, global real *values)
 {
-  const int begin = get_global_id(0) * ENTRIES, end = min(begin + ENTRIES, num_entries);
+  const int begin = get_global_id(0) * ENTRIES, end = least(begin + ENTRIES, num_entries);
   for (int i = begin; i < end; i += LANES) {
     int place[LANES];
-    for (int lane = 0; lane < LANES; ++lane) place[lane] = first + min(i + lane, end - 1);
+    for (int lane = 0; lane < LANES; ++lane) place[lane] = first + least(i + lane, end - 1);
     const splats s = splats_at(view, world, place);
     extent x = {(reals)R(0.0), (reals)R(0.0)}, y = x;
     if (view->prefilter_at_bounds) {

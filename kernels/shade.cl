@@ -31,13 +31,12 @@ static inline Surface surface_at(constant View *view, int x, int y, const long *
   const int num = least(LANES, view->width - x);                        \
   long p[LANES];                                                        \
   for (int lane = 0; lane < LANES; ++lane) p[lane] = (long)y * view->width + x + least(lane, num - 1)
-#define LANE(values) (((const real *)&(values))[lane])
 
 static inline void store3(global real *out, long p, reals3 v, int lane)
 {
-  out[3 * p] = LANE(v.x);
-  out[3 * p + 1] = LANE(v.y);
-  out[3 * p + 2] = LANE(v.z);
+  out[3 * p] = LANE_OF(v.x, lane);
+  out[3 * p + 1] = LANE_OF(v.y, lane);
+  out[3 * p + 2] = LANE_OF(v.z, lane);
 }
 
 kernel void shade(constant View *view, constant Shading *shading, constant PhongLight *lights, GBUFFER,
@@ -48,9 +47,9 @@ kernel void shade(constant View *view, constant Shading *shading, constant Phong
   const reals3 zero = {R(0.0), R(0.0), R(0.0)};
   const reals3 rgb = ANY(s.covered) ? select3(zero, shade_surface(&s, shading, lights), s.covered) : zero;
   for (int lane = 0; lane < num; ++lane) {
-    color[4 * p[lane]] = LANE(rgb.x);
-    color[4 * p[lane] + 1] = LANE(rgb.y);
-    color[4 * p[lane] + 2] = LANE(rgb.z);
+    color[4 * p[lane]] = LANE_OF(rgb.x, lane);
+    color[4 * p[lane] + 1] = LANE_OF(rgb.y, lane);
+    color[4 * p[lane] + 2] = LANE_OF(rgb.z, lane);
     color[4 * p[lane] + 3] = ((const bits *)&s.covered)[lane] ? R(1.0) : R(0.0);
   }
 }
@@ -64,7 +63,7 @@ kernel void resolve(constant View *view, GBUFFER, global real *position, global 
     store3(position, p[lane], s.position, lane);
     store3(normal, p[lane], s.normal, lane);
     store3(albedo, p[lane], s.albedo, lane);
-    mean_depth[p[lane]] = LANE(s.mean_depth);
-    distance[p[lane]] = LANE(s.distance);
+    mean_depth[p[lane]] = LANE_OF(s.mean_depth, lane);
+    distance[p[lane]] = LANE_OF(s.distance, lane);
   }
 }

@@ -23,8 +23,6 @@ static inline region region_of(int item, int first_tile, int tiles_x)
   return w;
 }
 
-#define LANE_OF(values, lane) (((const real *)&(values))[lane])
-
 static inline discs load_discs(global const ProjectedSplat *records, const int *place, masks *low, masks *high)
 {
   LOAD_EIGHT(a, global, records + place[lane]);

@@ -60,7 +60,7 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
 
 
 @cache
-def structs(device: Any, real: str) -> tuple[Mapping[str, np.dtype[Any]], str]:
+def structs(real: str) -> tuple[Mapping[str, np.dtype[Any]], str]:
     """Return the dtypes by name, padded as C pads, and their C declarations, which do not compile on another layout.
 
     Fields go from large to small, so that only a struct's end is padded and its size vouches for every offset. Asking

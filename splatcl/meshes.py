@@ -67,16 +67,8 @@ def splats_from_mesh(
         ``on_invalid="error"``.
     """
     corners, corner_color, face_normals = _corners(vertices, faces, color, normals, per_face)
-    all_notes = list(notes)
     reason = _reasons(corners, corner_color)
-    num_dropped = int(np.count_nonzero(reason == 1))
-    if num_dropped:
-        text = _describe(reason, 1)
-        if on_invalid == "error":
-            raise InvalidSplatsError(f"{text}; drop them with on_invalid='drop'")
-        all_notes.append(f"dropped {text}")
-    if (reason == 2).any():
-        all_notes.append(f"skipped {_describe(reason, 2)}")
+    all_notes = [*notes, *_left_out(reason, on_invalid)]
     solid = reason == 0
     if not solid.any():
         raise InvalidSplatsError(f"none of {len(solid)} triangles has finite corners and an area above 1e-15")
@@ -96,7 +88,7 @@ def splats_from_mesh(
         tangent_u.astype(dtype),
         tangent_v.astype(dtype),
         None if corner_color is None else corner_color.mean(axis=1).astype(np.float32),  # type: ignore[arg-type]
-        num_dropped=num_dropped,
+        num_dropped=int(np.count_nonzero(reason == 1)),
         notes=tuple(all_notes),
         on_invalid=on_invalid,
     )
@@ -183,6 +175,19 @@ def _reasons(corners: NDArray[Any], color: NDArray[Any] | None) -> NDArray[np.ui
     long, short = np.linalg.norm(u, axis=1), np.linalg.norm(v, axis=1)
     flat = (long * short < 2 * MIN_AREA) | (short < MIN_ASPECT * long)
     return np.select([~valid, flat], [1, 2], 0).astype(np.uint8)
+
+
+def _left_out(reason: NDArray[np.uint8], on_invalid: OnInvalid) -> list[str]:
+    """Say which triangles are dropped, an error under ``on_invalid="error"``, and which are skipped."""
+    notes = []
+    if (reason == 1).any():
+        text = _describe(reason, 1)
+        if on_invalid == "error":
+            raise InvalidSplatsError(f"{text}; drop them with on_invalid='drop'")
+        notes.append(f"dropped {text}")
+    if (reason == 2).any():
+        notes.append(f"skipped {_describe(reason, 2)}")
+    return notes
 
 
 def _describe(reason: NDArray[np.uint8], which: int) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.pipeline import Passes, bands
+from splatcl.pipeline import Passes, bands, chunks, starts
 from splatcl.resident import near_origin
 from splatcl.splats import Splats
 
@@ -23,14 +23,14 @@ WORLD = ("center", "tangent_u", "tangent_v", "color")
 """What is uploaded of each splat, twelve numbers together."""
 VALUES = 7
 """What a fragment adds, the three of its colour and of its normal, and the margin of the normal's sign."""
-MAX_CHUNKS = 64
-MIN_CHUNK = 1024
 ENTRIES_PER_ITEM = 256
 """Records that a work-item makes."""
 MAX_BAND_RECORDS = {"tile": 16 << 10, "pixel": 1 << 20}
 """Records of one band of tiles: 4 MB that a CPU's cache holds, 250 MB for a GPU; a single tile may need more."""
 MAX_LIST_ENTRIES = 2 << 20
 """Entries of the tile lists held together, 208 MiB; a single tile may need more."""
+OPTIONS = {"CENTER_LOW": 0, "ENTRIES": ENTRIES_PER_ITEM, "VALUES": VALUES}
+"""Build options of kernels/nearby.cl."""
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,7 @@ def upload(device: DeviceQueue, splats: Splats) -> WorldSplats:
 def nearby(passes: Passes, view: Any, splats: WorldSplats) -> Iterator[NearbySplats]:
     """Find each tile's splats (kernels/nearby.cl), a band of tiles at a time; each band overwrites the one before."""
     device, num_tiles, tiles_x, num = passes.device, passes.num_tiles, passes.tiles_x, splats.num_splats
-    per_chunk = max(-(-num // MAX_CHUNKS), MIN_CHUNK, min(num_tiles, num))  # no more counts than splats
-    chunk_size = -(-per_chunk // 16) * 16
-    num_chunks = -(-num // chunk_size)
+    chunk_size, num_chunks = chunks(num, num_tiles)
     bounds = device.scratch("nearby_bounds", num * 8)
     counts_buffer = device.scratch("nearby_counts", num_chunks * num_tiles * 4)
     passes.run(
@@ -88,7 +86,7 @@ def nearby(passes: Passes, view: Any, splats: WorldSplats) -> Iterator[NearbySpl
     totals = counts.sum(axis=0, dtype=np.int32)
     before = counts.cumsum(axis=0, dtype=np.int32) - counts
     for first, last in bands(totals, MAX_LIST_ENTRIES):
-        begin = np.concatenate([[0], np.cumsum(totals[first:last])]).astype(np.int32)
+        begin = starts(totals[first:last])
         before[:, first:last] += begin[:-1]
         device.write(counts_buffer, before)
         listed = device.scratch("nearby_listed", int(begin[-1]) * 8 * 3 * len(WORLD))
@@ -99,9 +97,6 @@ def nearby(passes: Passes, view: Any, splats: WorldSplats) -> Iterator[NearbySpl
         )  # fmt: skip
         for a, b in bands(totals[first:last], MAX_BAND_RECORDS[device.mapping]):
             yield _records(passes, view, listed, listed_bounds, first + a, begin[a : b + 1])
-
-
-OPTIONS = {"CENTER_LOW": 0, "ENTRIES": ENTRIES_PER_ITEM, "VALUES": VALUES}
 
 
 def _records(

@@ -106,7 +106,7 @@ class Passes:
     ) -> None:
         self.device, self.camera, self.settings, self.tile_size = device, camera, settings, tile_size
         self.precision, self.real = precision, np.dtype(REAL[precision])
-        self.dtypes, self.declarations = structs(device.info.handle, REAL[precision])
+        self.dtypes, self.declarations = structs(REAL[precision])
         self.lanes = device.lanes_of(self.real)
         self.tiles_x = -(-camera.width // tile_size)
         self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
@@ -183,10 +183,7 @@ class Passes:
 def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists]:
     """List the splats that may touch each tile, a band of tiles at a time to bound memory (kernels/bin.cl)."""
     device, num_tiles, tiles_x = passes.device, passes.num_tiles, passes.tiles_x
-    # No more counts than splats, where the image is large.
-    per_chunk = max(-(-splats.num_splats // MAX_CHUNKS), MIN_CHUNK, min(num_tiles, splats.num_splats))
-    chunk_size = -(-per_chunk // PLANE_PAD) * PLANE_PAD
-    num_chunks = -(-splats.num_splats // chunk_size)
+    chunk_size, num_chunks = chunks(splats.num_splats, num_tiles)
     spread = _spread(num_chunks)
     options = {"LAYERED": int(len(passes.layers) > 1), "CENTER_LOW": 0}
     listed = device.scratch("listed", splats.num_splats * passes.dtypes["TouchedQuarters"].itemsize)
@@ -205,7 +202,7 @@ def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists
     )  # fmt: skip
     totals = device.read(totals_buffer, (num_tiles,), np.int32)
     for first, last in bands(totals, MAX_LIST_ENTRIES):
-        begin = _starts(totals[first:last])
+        begin = starts(totals[first:last])
         ids = device.scratch("ids", int(begin[-1]) * 4)
         clues = device.scratch("clues", options["LAYERED"] * int(begin[-1]) * 4)
         passes.run(
@@ -237,7 +234,16 @@ def _spread(num: int) -> int:
     return next(step for step in range(max(num * 5 // 8, 1), 2 * num + 2) if gcd(step, num) == 1)
 
 
-def _starts(lengths: NDArray[np.int32]) -> NDArray[np.int32]:
+def chunks(num_splats: int, num_tiles: int) -> tuple[int, int]:
+    """Return how many splats a chunk has, for a count of each tile's, and how many chunks there are."""
+    # No more counts than splats, where the image is large.
+    per_chunk = max(-(-num_splats // MAX_CHUNKS), MIN_CHUNK, min(num_tiles, num_splats))
+    chunk_size = -(-per_chunk // PLANE_PAD) * PLANE_PAD
+    return chunk_size, -(-num_splats // chunk_size)
+
+
+def starts(lengths: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return where each run of a list begins, and where the last one ends."""
     return np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
 
 

@@ -1,10 +1,20 @@
-"""Fixtures: one device and one renderer of each kind for the whole session."""
+"""Fixtures: one device and one renderer of each kind for the whole session, and a stand-in for OpenGL's backend."""
 
 from __future__ import annotations
 
 from functools import cache
 
 import pytest
+
+STUB = """
+import time
+import numpy as np
+class Backend:
+    renderer_name = "stub"
+    def __init__(self, splats, sort=True): self.num, self.drawn = len(splats), 0
+    def draw(self, camera, settings): self.drawn += 1; self.size = camera.height, camera.width
+    def read(self): return {"color": np.ones((*self.size, 4), np.float32)}
+"""
 
 
 @pytest.fixture(scope="session")
@@ -25,3 +35,14 @@ def renderer_with():
 @pytest.fixture(scope="session")
 def renderer(renderer_with):
     return renderer_with()
+
+
+@pytest.fixture
+def stub_backend(monkeypatch, tmp_path):
+    """Put a backend in place of OpenGL's."""
+    from splatcl.bench import against
+
+    path = tmp_path / "backend.py"
+    path.write_text(STUB)
+    monkeypatch.setattr(against, "BACKEND", path)
+    return path

@@ -16,20 +16,20 @@ REALS = ["f4"] + ["f8"] * (choose_device().supports["double"] == "yes")
 def test_the_device_lays_structs_out_as_numpy_does(device, real):
     from pyopencl.tools import match_dtype_to_c_struct
 
-    for name, dtype in layout.structs(device.info.handle, real)[0].items():
+    for name, dtype in layout.structs(real)[0].items():
         fields = np.dtype(layout._fields(real)[name])
         assert match_dtype_to_c_struct(device.info.handle, name, fields)[0] == dtype
 
 
 @pytest.mark.parametrize("real", ["f4", "f8"])
-def test_a_struct_is_padded_at_its_end_only(device, real):
-    for dtype in layout.structs(device.info.handle, real)[0].values():
+def test_a_struct_is_padded_at_its_end_only(real):
+    for dtype in layout.structs(real)[0].values():
         ends = np.cumsum([dtype[name].itemsize for name in dtype.names])
         assert [dtype.fields[name][1] for name in dtype.names] == [0, *ends[:-1]]
 
 
 def test_another_layout_does_not_compile(device):
-    declarations = layout.structs(device.info.handle, "f4")[1]
+    declarations = layout.structs("f4")[1]
     options = {"LANES": 1, "DOUBLE": 0, "EXACT_DIVIDE": 1, "EXACT_SQRT": 1, "ON_POCL": 0, "ORTHOGRAPHIC": 0}
     options["SHADER"] = '"phong.h"'
     with pytest.raises(DeviceError, match="View_size"):

@@ -163,11 +163,12 @@ def test_tiles(expected, double_renderer, monkeypatch, tile):
 @pytest.mark.parametrize("chunk", [16, 48])
 def test_chunks_and_bands(expected, double_renderer, monkeypatch, chunk):
     """Mutation: `first_entry` left out of region_of; of the bounds given to `tile`."""
-    monkeypatch.setattr(nearby, "MIN_CHUNK", chunk)
-    monkeypatch.setattr(nearby, "MAX_CHUNKS", 1000)
+    monkeypatch.setattr(pipeline, "MIN_CHUNK", chunk)
+    monkeypatch.setattr(pipeline, "MAX_CHUNKS", 1000)
     monkeypatch.setattr(nearby, "MAX_LIST_ENTRIES", 500)
     monkeypatch.setattr(nearby, "MAX_BAND_RECORDS", {"tile": 100})
     monkeypatch.setattr(nearby, "ENTRIES_PER_ITEM", 24)
+    monkeypatch.setitem(nearby.OPTIONS, "ENTRIES", 24)
     assert_bits(double_renderer, expected)
 
 
