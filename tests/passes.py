@@ -38,7 +38,7 @@ class DevicePasses:
 
         Fields of `records` are those of ProjectedSplat, the bounds the ones of the pre-filter as well, and `id`.
         """
-        parts = [self._read(lists) for lists in pipeline.in_order(self.passes, self.splats.num_splats)]
+        parts = [self.read(lists) for lists in pipeline.in_order(self.passes, self.splats.num_splats)]
         records, attributes = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         drawn = records["x_min"] <= records["x_max"]
         return records[drawn], attributes[drawn]
@@ -49,12 +49,12 @@ class DevicePasses:
         for lists in pipeline.bin(self.passes, self.view, self.splats):
             begin = self.device.read(lists.begin_buffer, lists.begin.shape, np.int32)
             np.testing.assert_array_equal(begin, lists.begin)
-            read = self._read(lists)
+            read = self.read(lists)
             runs += [Runs(*(array[a:b] for array in read)) for a, b in pairwise(begin)]
             bands.append((lists.first_tile, lists.last_tile))
         return runs, bands
 
-    def _read(self, lists):
+    def read(self, lists):
         """Return what the projection makes of each entry of the lists."""
         num, read, dtypes = int(lists.begin[-1]), self.device.read, self.passes.dtypes
         p = pipeline.project(self.passes, self.view, self.splats, lists)
@@ -72,8 +72,10 @@ class DevicePasses:
         """Run everything up to the attribute pass; return its outputs by the names of the dataclasses' fields."""
         depth, gbuffer = pipeline.frame_buffers(self.passes)
         for lists in pipeline.bin(self.passes, self.view, self.splats):
-            projected = pipeline.project(self.passes, self.view, self.splats, lists)
-            pipeline.visibility(self.passes, lists, projected, depth)
+            for layer in self.passes.layers:
+                chosen = (lists, layer, depth, self.epsilon)
+                projected = pipeline.project(self.passes, self.view, self.splats, *chosen)
+                pipeline.visibility(self.passes, lists, projected, depth, layer)
             pipeline.attributes(self.passes, self.view, lists, projected, depth, self.epsilon, gbuffer)
         return {name: self._image(name, value) for name, value in (vars(depth) | vars(gbuffer)).items()}
 

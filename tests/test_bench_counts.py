@@ -52,7 +52,8 @@ def test_counts_of_a_frame_by_hand(renderer):
     assert (counts.num_splats, counts.num_listed, counts.num_entries) == (3, 2, 5)
     assert (counts.num_discs, counts.num_near) == (5, 5)
     assert counts.num_pixels == 1024 and counts.real_bytes == 4
-    assert (counts.plane_bytes, counts.touched_bytes, counts.splat_bytes) == (36, 12, 48)
+    assert counts.num_projected == 5
+    assert (counts.plane_bytes, counts.touched_bytes, counts.entry_bytes, counts.splat_bytes) == (36, 16, 4, 48)
     assert (counts.record_bytes, counts.attribute_bytes) == (64, 32)
     y, x = np.mgrid[:32, :32] + 0.5
     hits = sum(int(((x - c) ** 2 + (y - c) ** 2 <= 4.5**2).sum()) for c in (8, 16))
@@ -64,12 +65,21 @@ def test_counts_of_a_frame_by_hand(renderer):
     assert counts.visibility_lanes == counts.attribute_lanes == num_blocks * renderer.device.lanes
 
 
-def test_what_lies_behind_is_not_taken_for_attributes(renderer):
-    """A disc that covers the image before a disc that it hides, and one whose half is beside the image."""
+def test_what_lies_behind_is_not_taken(renderer):
+    """A disc that covers the image before a disc that it hides, and one whose half is beside the image.
+
+    Where nothing is culled, those behind are not even projected.
+    """
     camera, splats = facing_discs([(8, 8, 2, 9, 1), (8, 8, 40, 2, 1), (16, 8, 3, 9, 1)], 16)
-    counts = FramePasses(renderer, renderer.upload(splats), camera, splatcl.RenderSettings(epsilon=0.0)).counts()
-    assert (counts.num_listed, counts.num_entries, counts.num_discs, counts.num_near) == (3, 3, 3, 1)
+    settings = splatcl.RenderSettings(epsilon=0.0, facing="cull")
+    counts = FramePasses(renderer, renderer.upload(splats), camera, settings).counts()
+    assert (counts.num_listed, counts.num_entries, counts.num_projected) == (3, 3, 3)
+    assert (counts.num_discs, counts.num_near) == (3, 1)
     assert 256 <= counts.attribute_lanes < counts.visibility_lanes
+    kept = FramePasses(renderer, renderer.upload(splats), camera, replace(settings, facing="keep")).counts()
+    assert (kept.num_listed, kept.num_entries, kept.num_projected) == (3, 3, 1)
+    assert (kept.num_discs, kept.num_near, kept.attribute_lanes) == (1, 1, counts.attribute_lanes)
+    assert kept.visibility_lanes == kept.attribute_lanes
 
 
 def test_counts_agree_with_each_other(renderer):

@@ -22,7 +22,9 @@ SMALL = 1 << 20
 def result_of(settings=BASE, **seconds):
     """Return a result with numbers that are easy to follow."""
     row = Row(1000, settings)
-    counts = Counts(1000, 600, 900, 800, 700, 400, 500, 50, 36, 12, 48, 64, 32, 4)
+    counts = Counts(
+        1000, 600, 900, 850, 800, 700, 400, 500, 50, 36, 16, 4 if settings.facing == "cull" else 8, 48, 64, 32, 4
+    )
     drawn = Drawn(80, 40)
     times = {name: Spread((seconds.get(name, 1.0),)) for name in PASSES}
     return Result(row, settings.facing, counts, Fragments(drawn, drawn, drawn, 100), Spread((2.0,)), times)
@@ -32,14 +34,14 @@ def test_work_by_hand():
     settings = replace(BASE, lights=matrix.THREE_LIGHTS)
     work = work_of(result_of(settings))
     assert vars(work["bin"]) == {
-        "read_bytes": 1000 * 36 + 600 * 12,
-        "written_bytes": 600 * 12 + 900 * 4,
+        "read_bytes": 1000 * 36 + 600 * 16,
+        "written_bytes": 600 * 16 + 900 * 4,
         "flops": 1000 * (FLOPS["splat"] + FLOPS["culled splat"]) + 600 * FLOPS["listed"],
     }
     assert vars(work["project"]) == {
-        "read_bytes": 900 * (4 + 48),
-        "written_bytes": 900 * (64 + 32 + 8 + 8),
-        "flops": 900 * FLOPS["entry"],
+        "read_bytes": 900 * 4 + 850 * 48,
+        "written_bytes": 850 * (64 + 32 + 8) + 900 * 8,
+        "flops": 850 * FLOPS["entry"],
     }
     assert vars(work["visibility"]) == {
         "read_bytes": 900 * 4 + 800 * (64 + 4),
@@ -61,7 +63,8 @@ def test_work_by_hand():
     assert plain["shade"].flops == 40 * FLOPS["pixel"]
     assert plain["attributes"].flops == taken + 500 * FLOPS["filtered lane"] + fragments
     kept = work_of(result_of(replace(settings, facing="keep")))
-    assert kept["bin"].flops == 1000 * FLOPS["splat"] + 600 * FLOPS["listed"]
+    assert kept["bin"].flops == 1000 * FLOPS["splat"] + 600 * (FLOPS["listed"] + FLOPS["layered"])
+    assert kept["bin"].written_bytes == 600 * 16 + 900 * 8 and kept["project"].read_bytes == 900 * 8 + 850 * 48
 
 
 def test_a_pass_is_held_against_the_slower_of_memory_and_arithmetic():
@@ -69,7 +72,7 @@ def test_a_pass_is_held_against_the_slower_of_memory_and_arithmetic():
     slow_memory = Limits(read=100.0, write=1000.0, copy=1.0, flops={"single": 1e9})
     limit = limits_of(result, slow_memory)["project"]
     assert limit.bound == "memory"
-    assert limit.limit_seconds == pytest.approx(46800 / 100 + 100800 / 1000)
+    assert limit.limit_seconds == pytest.approx(44400 / 100 + 95600 / 1000)
     assert limit.share_of_limit == pytest.approx(limit.limit_seconds / 10)
     slow_arithmetic = Limits(read=1e9, write=1e9, copy=1.0, flops={"single": 1e3})
     limits = limits_of(result, slow_arithmetic)

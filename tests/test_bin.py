@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from agreement import scene
 from passes import DevicePasses
-from scenes import CAMERAS, EPSILON, EYE, frames, log_uniform
+from scenes import CAMERAS, EPSILON, EYE, any_camera, any_discs
 
-from splatcl import Camera, RenderSettings, Splats, pipeline
+from splatcl import Camera, RenderSettings, pipeline
 
 SETTINGS = RenderSettings(epsilon=EPSILON)
 TILES = [8, 16, 32, 64]
@@ -93,44 +93,6 @@ def test_bands_do_not_change_the_image(renderer, monkeypatch, size, max_records)
     cut = dict(renderer.render(scene("random_ellipses"), camera, SETTINGS))
     for name, array in whole.items():
         assert array.tobytes() == cut[name].tobytes(), name
-
-
-def any_camera(rng, projection):
-    """Return a camera of any scale, range of depths and principal point, at the world's origin or far from it."""
-    scale, focal = 10.0 ** rng.integers(-5, 7), 100 * 10.0 ** rng.uniform(-1, 1)
-    near, far = scale * min(10.0 ** rng.uniform(-6, 1), 2.0), scale * rng.choice([3.0, np.inf])
-    if projection == "orthographic":
-        focal, near = focal / scale, -scale
-    x, y = rng.choice([0, 100, 1e6], p=[0.6, 0.2, 0.2]) * rng.uniform(-1, 1, 2)
-    matrix = np.eye(4)
-    matrix[2, :3] = rng.normal(size=3)
-    matrix[2] /= np.linalg.norm(matrix[2])
-    matrix[0, :3], matrix[1, :3] = (u[0] for u in frames(matrix[2, :3]))
-    matrix[:3, 3] = rng.normal(size=3) * scale * rng.choice([0, 1, 1e4])
-    return Camera(matrix, focal, focal * rng.choice([1, 3]), 48 + x, 32 + y, 97, 61, near, far, projection)
-
-
-def any_discs(rng, camera, num=250):
-    """Return discs of every size, aspect, skew and tilt around the camera's view, its near plane and its eye."""
-    near = camera.near if camera.projection == "perspective" else 1 / camera.fx
-    z = near * log_uniform(rng, 0.1, 1e4, num)[:, 0]
-    z[::4] = near * (1 + rng.choice([-1, 1], len(z[::4])) * log_uniform(rng, 1e-8, 1e-2, len(z[::4]))[:, 0])
-    deep = z if camera.projection == "perspective" else np.ones(num)
-    raster = rng.uniform(-0.3, 1.3, (num, 2)) * [camera.width, camera.height]
-    center = np.column_stack([(raster - [camera.cx, camera.cy]) / [camera.fx, camera.fy] * deep[:, None], z])
-    center[::50] = 0
-    sight = center + np.array([0, 0, 1e-30]) if camera.projection == "perspective" else np.tile([[0.0, 0, 1]], (num, 1))
-    sight /= np.linalg.norm(sight, axis=1, keepdims=True)
-    sideways = np.eye(3)[rng.integers(0, 2, num)] + rng.normal(size=(num, 3)) * rng.choice([0, 1], (num, 1))
-    across = np.cross(sight, sideways)
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    u, v = frames((across + sight * log_uniform(rng, 2.0**-16, 4, num)) * rng.choice([-1, 1], (num, 1)))
-    u *= np.where(rng.random(num) < 0.5, deep / camera.fx, z)[:, None] * log_uniform(rng, 1e-3, 1e3, num)
-    v *= np.linalg.norm(u, axis=1, keepdims=True) * log_uniform(rng, 1e-6, 1, num)
-    v += u * rng.choice([0, 1], (num, 1), p=[0.8, 0.2])
-    rotation, position = camera.eye_from_world[:3, :3], camera.position
-    center = (center @ rotation + position).astype(rng.choice(["f4", "f8"]))
-    return Splats(center, (u @ rotation).astype("f4"), (v @ rotation).astype("f4"), on_invalid="drop")
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])

@@ -24,8 +24,6 @@ SMALL = 4
 """Boxes of at most so many pixels each way are taken a vector of splats at a time (kernels/tile.h)."""
 BOX = ("x_min", "y_min", "x_max", "y_max")
 
-Watch = Callable[[TileLists, ProjectedSplats, DepthBuffer], None]
-
 
 @dataclass(frozen=True)
 class Counts:
@@ -34,6 +32,7 @@ class Counts:
     num_splats: int
     num_listed: int  # splats in at least one tile's list
     num_entries: int  # of all tiles' lists
+    num_projected: int  # entries that have pixels and are not passed over, as nearer splats hide them
     num_discs: int  # entries whose disc has pixels: those that visibility takes
     num_near: int  # entries that have pixels and are no farther than their tile's farthest: those attributes takes
     visibility_lanes: int
@@ -41,6 +40,7 @@ class Counts:
     num_pixels: int
     plane_bytes: int
     touched_bytes: int
+    entry_bytes: int
     splat_bytes: int
     record_bytes: int
     attribute_bytes: int
@@ -56,10 +56,10 @@ class FramePasses:
         self._epsilon = resident.epsilon(settings)
         self._view = self._passes.view(self._splats.origin)
 
-    def run(self, watch: Watch | None = None) -> dict[str, float]:
+    def run(self, tally: Tally | None = None) -> dict[str, float]:
         """Run a frame and return each pass' seconds; wait for the device between passes.
 
-        `watch`, if any, sees each band once it is drawn; its time does not count.
+        `tally`, if any, sees what is drawn; its time does not count.
         """
         passes, view, seconds = self._passes, self._view, dict.fromkeys(PASSES, 0.0)
 
@@ -73,11 +73,15 @@ class FramePasses:
         depth, gbuffer = pipeline.frame_buffers(passes)
         bands = pipeline.bin(passes, view, self._splats)
         while (lists := timed("bin", next, bands, None)) is not None:
-            projected = timed("project", pipeline.project, passes, view, self._splats, lists)
-            timed("visibility", pipeline.visibility, passes, lists, projected, depth)
+            for layer in passes.layers:
+                chosen = (lists, layer, depth, self._epsilon)
+                projected = timed("project", pipeline.project, passes, view, self._splats, *chosen)
+                timed("visibility", pipeline.visibility, passes, lists, projected, depth, layer)
+                if tally:
+                    tally.add_discs(lists, projected)
             timed("attributes", pipeline.attributes, passes, view, lists, projected, depth, self._epsilon, gbuffer)
-            if watch:
-                watch(lists, projected, depth)
+            if tally:
+                tally.add_near(lists, projected, depth)
         timed("shade", pipeline.shade, passes, view, depth, gbuffer)
         return seconds
 
@@ -85,7 +89,7 @@ class FramePasses:
         """Run a frame and count; slow."""
         passes, dtypes, real = self._passes, self._passes.dtypes, self._passes.real.itemsize
         tally = Tally(passes, self._splats.num_splats, self._epsilon)
-        self.run(tally.add)
+        self.run(tally)
         low_words = 0 if self._splats.center_low is None else 3
         return Counts(
             num_splats=self._splats.num_splats,
@@ -94,6 +98,7 @@ class FramePasses:
             num_pixels=passes.num_pixels,
             plane_bytes=9 * real,
             touched_bytes=dtypes["TouchedQuarters"].itemsize,
+            entry_bytes=4 * len(passes.layers),  # the id; and the clue where there are layers
             splat_bytes=dtypes["Splat"].itemsize + low_words * real,
             record_bytes=dtypes["ProjectedSplat"].itemsize,
             attribute_bytes=dtypes["SplatAttributes"].itemsize,
@@ -105,42 +110,48 @@ class Tally:
     """Counts over the bands of one frame, as if each work-item took a whole tile and epsilon were along z."""
 
     def __init__(self, passes: Passes, num_splats: int, epsilon: float) -> None:
-        names = ("num_entries", "num_discs", "num_near", "visibility_lanes", "attribute_lanes")
+        names = ("num_entries", "num_projected", "num_discs", "num_near", "visibility_lanes", "attribute_lanes")
         self.totals = Counter(dict.fromkeys(names, 0))
         self.listed = np.zeros(num_splats, bool)
         self._passes, self._epsilon = passes, epsilon
 
-    def add(self, lists: TileLists, projected: ProjectedSplats, depth: DepthBuffer) -> None:
-        """Count a band."""
-        passes, num = self._passes, int(lists.begin[-1])
-        if not num:
+    def add_discs(self, lists: TileLists, projected: ProjectedSplats) -> None:
+        """Count the discs of a band's layer."""
+        if not lists.begin[-1]:
             return
-        self.listed[self._ids(lists, num)] = True
-        tile = np.repeat(np.arange(lists.first_tile, lists.last_tile), np.diff(lists.begin))
-        disc_near_z, near_z = (self._read(buffer, num) for buffer in (projected.disc_near_z, projected.near_z))
-        has_disc, is_near = disc_near_z < np.inf, near_z <= self._farthest(depth)[tile]  # neither if it is NaN
-        records = self._read(projected.records, num, passes.dtypes["ProjectedSplat"])
-        discs = np.stack([records[name] for name in BOX], axis=1)
-        drawn = self._read(projected.boxes, num, np.dtype((np.int16, 4)))
+        has_disc = self._read(projected.disc_near_z, lists) < np.inf  # not if it is NaN
+        records = self._read(projected.records, lists, self._passes.dtypes["ProjectedSplat"])
+        boxes = np.stack([records[name] for name in BOX], axis=1)
         self.totals.update(
-            num_entries=num,
-            num_discs=int(np.count_nonzero(has_disc)),
-            num_near=int(np.count_nonzero(is_near)),
-            visibility_lanes=self._lanes(discs, tile, has_disc),
-            attribute_lanes=self._lanes(drawn, tile, is_near),
+            num_discs=int(np.count_nonzero(has_disc)), visibility_lanes=self._lanes(boxes, lists, has_disc)
         )
 
-    def _lanes(self, boxes: NDArray[Any], tile: NDArray[Any], taken: NDArray[Any]) -> int:
+    def add_near(self, lists: TileLists, projected: ProjectedSplats, depth: DepthBuffer) -> None:
+        """Count what is near of a band, once all of it is drawn."""
+        if not lists.begin[-1]:
+            return
+        self.listed[self._ids(lists)] = True
+        near_z = self._read(projected.near_z, lists)
+        is_near = near_z <= self._farthest(depth)[_tiles(lists)]  # not if it is NaN
+        boxes = self._read(projected.boxes, lists, np.dtype((np.int16, 4)))
+        self.totals.update(
+            num_entries=int(lists.begin[-1]),
+            num_projected=int(np.count_nonzero(near_z < np.inf)),
+            num_near=int(np.count_nonzero(is_near)),
+            attribute_lanes=self._lanes(boxes, lists, is_near),
+        )
+
+    def _lanes(self, boxes: NDArray[Any], lists: TileLists, taken: NDArray[Any]) -> int:
         passes = self._passes
-        return lanes_of(boxes[taken], tile[taken], passes.tiles_x, passes.tile_size, passes.lanes)
+        return lanes_of(boxes[taken], _tiles(lists)[taken], passes.tiles_x, passes.tile_size, passes.lanes)
 
-    def _read(self, buffer: Any, num: int, dtype: np.dtype[Any] | None = None) -> NDArray[Any]:
-        return self._passes.device.read(buffer, (num,), dtype or self._passes.real)
+    def _read(self, buffer: Any, lists: TileLists, dtype: np.dtype[Any] | None = None) -> NDArray[Any]:
+        return self._passes.device.read(buffer, (int(lists.begin[-1]),), dtype or self._passes.real)
 
-    def _ids(self, lists: TileLists, num: int) -> NDArray[np.int32]:
+    def _ids(self, lists: TileLists) -> NDArray[np.int32]:
         import pyopencl as cl
 
-        ids = np.empty(num, np.int32)
+        ids = np.empty(lists.begin[-1], np.int32)
         cl.enqueue_copy(self._passes.device.queue, ids, lists.ids, src_offset=lists.start * ids.itemsize)
         return ids
 
@@ -151,6 +162,11 @@ class Tally:
         image = np.pad(image, [(0, -side % size) for side in image.shape], constant_values=-np.inf)
         tiles = image.reshape(-1, size, passes.tiles_x, size)
         return (tiles.max(axis=(1, 3)) + passes.real.type(self._epsilon)).ravel()
+
+
+def _tiles(lists: TileLists) -> NDArray[np.int64]:
+    """(N,) the tile of each entry."""
+    return np.repeat(np.arange(lists.first_tile, lists.last_tile), np.diff(lists.begin))
 
 
 def lanes_of(boxes: NDArray[Any], tile: NDArray[Any], tiles_x: int, tile_size: int, lanes: int) -> int:

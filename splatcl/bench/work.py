@@ -21,11 +21,13 @@ FLOPS = {
     # Each listed splat: in front 1, half width and height 8, depths 2, ranges of pixels 2 x 30 and 1 / z 1, whole
     # pixels 12, tiles 4.
     "listed": 88,
-    # project.cl. Each entry: centre to twice the precision 3 x 69 (three exact products of 11, three exact sums of 6,
-    # 12 for the low words, a last sum of 6), two tangents rotated 30, their cross product 9, reach 4, unit normal and
-    # facing 15, distance 6, choice of the reference 5, reference point 2 x 64 (two_divide 25, two_multiply 21, two_add
-    # 14, rounding 4), coefficients 40, extents 42, slack 5, bounds of disc and pre-filter 16, their pixels 50, least
-    # depth 9, words of the boxes 8. The splats that need twice the precision throughout are few and cost more.
+    # ... and where there are layers a depth that it is not nearer than: g 9, five products 25, thresholds 5, depth 9.
+    "layered": 48,
+    # project.cl. Each entry that it takes: centre to twice the precision 3 x 69 (three exact products of 11, three
+    # exact sums of 6, 12 for the low words, a last sum of 6), two tangents rotated 30, cross product 9, reach 4, unit
+    # normal and facing 15, distance 6, choice of the reference 5, reference point 2 x 64 (two_divide 25, two_multiply
+    # 21, two_add 14, rounding 4), coefficients 40, extents 42, slack 5, bounds of disc and pre-filter 16, their pixels
+    # 50, least depth 9, words of the boxes 8. The splats that need twice the precision throughout are few, cost more.
     "entry": 574,
     # tile.h, both raster passes. Each entry that they take: its box 15.
     "taken": 15,
@@ -95,13 +97,13 @@ def work_of(result: Result) -> dict[str, Work]:
     return {
         "bin": Work(
             counts.num_splats * counts.plane_bytes + touched,
-            touched + counts.num_entries * ID_BYTES,
+            touched + counts.num_entries * counts.entry_bytes,
             _bin_flops(result),
         ),
         "project": Work(
-            counts.num_entries * (ID_BYTES + counts.splat_bytes),
-            counts.num_entries * (record + 2 * counts.real_bytes),
-            counts.num_entries * FLOPS["entry"],
+            counts.num_entries * counts.entry_bytes + counts.num_projected * counts.splat_bytes,
+            counts.num_projected * record + counts.num_entries * 2 * counts.real_bytes,
+            counts.num_projected * FLOPS["entry"],
         ),
         "visibility": Work(
             counts.num_entries * counts.real_bytes + counts.num_discs * (counts.record_bytes + ID_BYTES),
@@ -118,8 +120,10 @@ def work_of(result: Result) -> dict[str, Work]:
 
 
 def _bin_flops(result: Result) -> int:
-    splat = FLOPS["splat"] + (FLOPS["culled splat"] if result.facing == "cull" else 0)
-    return result.counts.num_splats * splat + result.counts.num_listed * FLOPS["listed"]
+    culled = result.facing == "cull"
+    splat = FLOPS["splat"] + (FLOPS["culled splat"] if culled else 0)
+    listed = FLOPS["listed"] + (0 if culled else FLOPS["layered"])
+    return result.counts.num_splats * splat + result.counts.num_listed * listed
 
 
 def _visibility_flops(result: Result) -> int:

@@ -1,0 +1,136 @@
+"""Layers of the tile lists: what nearer splats hide is never projected, and no bit of the image tells."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from agreement import scene
+from passes import DevicePasses
+from scenes import CAMERAS, EPSILON, VIEWS, any_camera, any_discs
+
+from splatcl import RenderSettings, pipeline
+
+TILES = [8, 16, 32, 64]
+
+
+def any_settings(rng, precision):
+    """Return settings under which there are layers."""
+    return RenderSettings(
+        epsilon=float(rng.choice([0.0, 10.0 ** rng.uniform(-6, 4)])),
+        precision=precision,
+        facing=str(rng.choice(["keep", "flip"])),
+        along=str(rng.choice(["z", "ray"])),
+        prefilter=str(rng.choice(["min", "none"])),
+        prefilter_radius=float(10.0 ** rng.uniform(-1, 1.5)),
+        prefilter_center=str(rng.choice(["projected", "bounds"])),
+    )
+
+
+def sums(device, splats, camera, settings, tile_size, layers=None):
+    """Return everything up to the attribute pass, drawn in other `layers` than usual if given."""
+    passes = DevicePasses(device, splats, camera, settings, tile_size)
+    passes.passes.layers = layers or passes.passes.layers
+    return passes.raster()
+
+
+def assert_layers_do_not_show(device, splats, camera, settings, tile_size):
+    whole = sums(device, splats, camera, settings, tile_size, (pipeline.EVERY,))
+    for name, array in sums(device, splats, camera, settings, tile_size).items():
+        assert array.tobytes() == whole[name].tobytes(), name
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("thickness", [0, pipeline.FRONT_THICKNESS])
+@pytest.mark.parametrize(("scene_name", "camera_name"), VIEWS)
+def test_layers_do_not_change_the_sums(device, monkeypatch, scene_name, camera_name, thickness, precision):
+    """Mutation: `least` for `greatest` epsilon, or none, in hiding_of."""
+    monkeypatch.setattr(pipeline, "FRONT_THICKNESS", thickness)
+    settings = RenderSettings(epsilon=EPSILON, precision=precision)
+    for tile_size in TILES:
+        assert_layers_do_not_show(device, scene(scene_name), CAMERAS[camera_name], settings, tile_size)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_layers_of_any_discs_do_not_change_the_sums(device, monkeypatch, projection, precision):
+    monkeypatch.setattr(pipeline, "FRONT_THICKNESS", 0)
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        camera = any_camera(rng, projection)
+        splats, settings = any_discs(rng, camera), any_settings(rng, precision)
+        assert_layers_do_not_show(device, splats, camera, settings, int(rng.choice(TILES)))
+
+
+def read_clues(passes, tile_size):
+    """Yield a tile's first pixel, its records, their attributes and their clues."""
+    device, own = passes.device, passes.passes
+    for lists in pipeline.bin(own, passes.view, passes.splats):
+        clues = device.read(lists.clues, (lists.start + lists.begin[-1],), np.int32)[lists.start :]
+        records, attributes = passes.read(lists)
+        for k in range(lists.last_tile - lists.first_tile):
+            run = slice(*lists.begin[k : k + 2])
+            y, x = divmod(lists.first_tile + k, own.tiles_x)
+            yield x * tile_size, y * tile_size, records[run], attributes[run], clues[run]
+
+
+def fragments_of(records, attributes, x, y, settings, projection):
+    """Return (N, P) whether there are fragments of N records at P pixels, and how deep, in the frame's precision."""
+    r, a, real = {name: records[name][:, None] for name in records.dtype.names}, attributes, records["z"].dtype.type
+    dx, dy = (x - r["pixel_x"]) - r["offset_x"], (y - r["pixel_y"]) - r["offset_y"]
+    u = (r["u_x"] * dx + r["u_y"] * dy) + r["u_1"]
+    v = (r["v_x"] * dx + r["v_y"] * dy) + r["v_1"]
+    slope = r["g_x"] * dx + r["g_y"] * dy
+    den = slope + real(1) if projection == "perspective" else np.ones_like(slope)
+    z = real(1) / den * r["z"] if projection == "perspective" else slope + r["z"]
+    exists = (u * u + v * v <= den * den) & (den > 0)
+    filter_x, filter_y = dx - a["prefilter_x"][:, None], dy - a["prefilter_y"][:, None]
+    near = filter_x * filter_x + filter_y * filter_y <= settings.prefilter_radius**2 * 1.001
+    filtered = near & ~exists & (settings.prefilter == "min")
+    return exists | filtered, np.where(filtered, r["center_z"], z)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+@pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")
+def test_no_fragment_is_nearer_or_elsewhere_than_its_clue_says(device, projection, precision):
+    """Mutations: DEPTH_SLACK or DISTANCE_SLACK negative; SURE_TILT or SURE_ANGLE 0; `first` for `last` in clue_of."""
+    num_sure = num_fragments = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        camera = any_camera(rng, projection)
+        settings, tile_size = any_settings(rng, precision), int(rng.choice(TILES))
+        passes = DevicePasses(device, any_discs(rng, camera), camera, settings, tile_size)
+        for left, top, records, attributes, clues in read_clues(passes, tile_size):
+            y, x = (axis.ravel() for axis in np.mgrid[top : top + tile_size, left : left + tile_size])
+            inside = (x < camera.width) & (y < camera.height)
+            x, y = x[inside], y[inside]
+            drawn = (x >= records["x_min"][:, None]) & (x <= records["x_max"][:, None])
+            drawn &= (y >= records["y_min"][:, None]) & (y <= records["y_max"][:, None])
+            real = records["z"].dtype.type
+            exists, z = fragments_of(records, attributes, real(x), real(y), settings, projection)
+            drawn &= exists & (z >= camera.near) & (z <= camera.far)
+            first_x, last_x, first_y, last_y = (clues >> shift & 3 for shift in (0, 2, 4, 6))
+            quarter_x, quarter_y = (x - left) // (tile_size // 4), (y - top) // (tile_size // 4)
+            named = (quarter_x >= first_x[:, None]) & (quarter_x <= last_x[:, None])
+            named &= (quarter_y >= first_y[:, None]) & (quarter_y <= last_y[:, None])
+            assert not (drawn & ~named).any(), seed
+            near_z = (clues & 0x7FFFFF00).view(np.float32)
+            assert not (drawn & (z < near_z[:, None]))[near_z > 0].any(), seed  # 0: not known
+            num_sure += np.count_nonzero(near_z[drawn.any(axis=1)] > 0)
+            num_fragments += np.count_nonzero(drawn)
+    assert num_sure > 1000 and num_fragments > 20000
+
+
+def test_a_depth_is_known_of_most_splats(device):
+    """A sphere's splats but for those that are nearly edge-on, to a hundredth of a radius."""
+    splats, camera = scene("sphere"), CAMERAS["outside"]
+    passes = DevicePasses(device, splats, camera, RenderSettings(epsilon=0.0))
+    for _, _, records, _, clues in read_clues(passes, 16):
+        near_z = (clues & 0x7FFFFF00).view(np.float32)
+        center_z = (splats.center @ camera.eye_from_world[2, :3] + camera.eye_from_world[2, 3])[records["id"]]
+        known = near_z > 0
+        reach = np.abs(splats.tangent_u[records["id"]]).sum(axis=1) + np.abs(splats.tangent_v[records["id"]]).sum(
+            axis=1
+        )
+        assert (near_z[known] > (center_z - reach - 0.01 * center_z)[known]).all()
+        assert np.count_nonzero(~known) <= 0.3 * len(known) + 1
