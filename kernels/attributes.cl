@@ -86,7 +86,7 @@ static inline void large_box(target *t, global const SplatAttributes *attributes
   real8 values;
   load_attributes(&values, attributes);
   int offset[LANES];
-  for (int lane = 0; lane < LANES; ++lane) offset[lane] = lane / BLOCK_X * REGION + lane % BLOCK_X;
+  block_offsets(offset);
   for (int y = 0; y < down; y += BLOCK_Y)
     for (int x = 0; x < across; x += BLOCK_X) {
       const int q = first + y * REGION + x;
@@ -126,55 +126,53 @@ static inline void batch(target *t, global const ProjectedSplat *records, global
               WHOLE_OF(c.down, lane), r);
 }
 
-kernel void attributes(constant View *view, global const ProjectedSplat *records,
-                       global const SplatAttributes *splat_attributes, global const uint2 *boxes,
-                       global const real *near_z,
-                       global const int *tile_begin, const int first_tile, const int tiles_x, const real epsilon,
-                       const int along_ray, const real falloff, const real inverse_radius2, constant real *table,
-                       const int table_size, global const real *depth, global real *weight_sum,
-                       global real *color_sum, global real *normal_sum, global real *depth_sum, global uint *count)
+// Nothing yet, and the farthest that is accepted at each pixel of the image; return the farthest of all.
+static inline real begin_target(target *t, constant View *view, const region *w, global const real *depth, real epsilon,
+                                int along_ray)
 {
-  const region w = region_of(get_global_id(0), first_tile, tiles_x);
-  const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
-  const int width = view->width, height = view->height;
-  const rules r = {view->near, view->far, falloff, inverse_radius2, table, table_size, w.x, w.y};
-  target t;
   real farthest = -(real)INFINITY;
-  for (int p = 0; p < REACHED_PIXELS; ++p) t.farthest[p] = -(real)INFINITY;
+  for (int p = 0; p < REACHED_PIXELS; ++p) t->farthest[p] = -(real)INFINITY;
   for (int p = 0; p < REGION_PIXELS; ++p) {
-    t.sums[p] = (real8)R(0.0);
-    t.count[p] = 0;
+    t->sums[p] = (real8)R(0.0);
+    t->count[p] = 0;
   }
-  for (int y = 0; y < least(REGION, height - w.y); ++y)
-    for (int x = 0; x < least(REGION, width - w.x); x += LANES) {
+  const int across = least(REGION, view->width - w->x);
+  for (int y = 0; y < least(REGION, view->height - w->y); ++y)
+    for (int x = 0; x < across; x += LANES) {
       reals z, columns;
-      const int num = least(LANES, least(REGION, width - w.x) - x);
+      const int num = least(LANES, across - x);
       for (int lane = 0; lane < LANES; ++lane) {
-        ((real *)&columns)[lane] = (real)(w.x + x + lane);
-        ((real *)&z)[lane] = depth[(long)(w.y + y) * width + w.x + x + least(lane, num - 1)];
+        ((real *)&columns)[lane] = (real)(w->x + x + lane);
+        ((real *)&z)[lane] = depth[(long)(w->y + y) * view->width + w->x + x + least(lane, num - 1)];
       }
-      const reals f = farthest_accepted(view, columns, (reals)(real)(w.y + y), z, epsilon, along_ray);
+      const reals f = farthest_accepted(view, columns, (reals)(real)(w->y + y), z, epsilon, along_ray);
       for (int lane = 0; lane < num; ++lane) {
-        t.farthest[y * REGION + x + lane] = LANE_OF(f, lane);
+        t->farthest[y * REGION + x + lane] = LANE_OF(f, lane);
         farthest = LANE_OF(f, lane) > farthest ? LANE_OF(f, lane) : farthest;
       }
     }
-  int place[QUEUE + LANES];
-  int num = 0;
-  for (int i = begin; i < end; i += QUEUE) {
-    num = append_near(near_z, i, least(i + QUEUE, end), farthest, place, num);
-    int done = 0;
-    for (; done + LANES <= num; done += LANES) batch(&t, records, splat_attributes, boxes, place + done, LANES, &w, &r);
-    num = keep_rest(place, done, num);
-  }
-  if (num) {
-    for (int lane = num; lane < LANES; ++lane) place[lane] = place[0];
-    batch(&t, records, splat_attributes, boxes, place, num, &w, &r);
-  }
+  return farthest;
+}
+
+kernel void attributes(constant View *view, global const ProjectedSplat *records,
+                       global const SplatAttributes *splat_attributes, global const uint2 *boxes,
+                       global const real *near_z, global const int *tile_begin, const int first_tile,
+                       const int tiles_x, const real epsilon, const int along_ray, const real falloff,
+                       const real inverse_radius2, constant real *table, const int table_size,
+                       global const real *depth, global real *weight_sum, global real *color_sum,
+                       global real *normal_sum, global real *depth_sum, global uint *count)
+{
+  const region w = region_of(get_global_id(0), first_tile, tiles_x);
+  const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
+  const rules r = {view->near, view->far, falloff, inverse_radius2, table, table_size, w.x, w.y};
+  target t;
+  const real farthest = begin_target(&t, view, &w, depth, epsilon, along_ray);
+#define TAKE(place, num) batch(&t, records, splat_attributes, boxes, place, num, &w, &r)
+  STREAM(near_z, begin, end, farthest, TAKE)
   for (int p = 0; p < REGION_PIXELS; ++p) {
     const int x = w.x + p % REGION, y = w.y + p / REGION;
-    if (x >= width || y >= height) continue;
-    const long q = (long)y * width + x;
+    if (x >= view->width || y >= view->height) continue;
+    const long q = (long)y * view->width + x;
     const real8 s = t.sums[p];
     weight_sum[q] = s.SUM_WEIGHT;
     color_sum[3 * q] = s.s0;

@@ -10,8 +10,8 @@
 
 #define FACING_SLACK R(1.52587890625e-5)  // of |t_u||t_v||c|: ten times what can be wrong with the sign of g.c
 #define CENTER_SLACK R(4.7683716e-7)      // of the products that a centre's coordinate is a sum of
-#define TILT_SLACK R(0.032)               // of the larger side: half of project.cl's SLACK_TILT for the steepest disc drawn
-#define NEAR_SLACK R(1.1e-5)              // of the distance from the principal point: what project.cl gives a disc cut at near
+#define TILT_SLACK R(0.032)               // of the larger side: half of project.cl's SLACK_TILT for the steepest disc
+#define NEAR_SLACK R(1.1e-5)              // of the distance from the principal point: as project.cl has it, cut at near
 #define PIXEL_SLACK R(0.03125)
 #define CULL 2
 

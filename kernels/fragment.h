@@ -1,6 +1,6 @@
 // Fragments: where the pre-filter and the disc put a splat at a pixel, how deep, and how far from its centre. Written
-// once, used by the attribute pass and by whatever explains or checks it. Needs arithmetic.h, ray.h, splat.h, transpose.h and the
-// build option PREFILTER.
+// once, used by the attribute pass and by whatever explains or checks it. Needs arithmetic.h, ray.h, splat.h,
+// transpose.h and the build option PREFILTER.
 
 // What the pre-filter knows of LANES splats, or of one of them LANES times.
 typedef struct {

@@ -96,7 +96,8 @@ static inline void coefficients(constant View *view, projected *s, reals3 tu, re
 #if !ORTHOGRAPHIC
 // coefficients() to twice the precision and then rounded, in the lanes of `hard`: near edge-on, or where the
 // reference point is far from the centre, the float32 cross products lose the plane.
-static inline void hard_coefficients(constant View *view, projected *s, eye_point tu, eye_point tv, eye_point p, masks hard)
+static inline void hard_coefficients(constant View *view, projected *s, eye_point tu, eye_point tv, eye_point p,
+                                     masks hard)
 {
   eye_point a = two_cross(tv, p), b = two_cross(p, tu), g = two_cross(tu, tv);
   twofloat gp = two_add(two_add(two_multiply(g.x, p.x), two_multiply(g.y, p.y)), two_multiply(g.z, p.z));
@@ -127,8 +128,9 @@ typedef struct {
 
 static inline bounds bounds_of(extent x, extent y, reals slack, masks visible)
 {
-  bounds b = {SELECT(NOWHERE, x.middle - x.reach - slack, visible), SELECT(-NOWHERE, x.middle + x.reach + slack, visible),
-              SELECT(NOWHERE, y.middle - y.reach - slack, visible), SELECT(-NOWHERE, y.middle + y.reach + slack, visible)};
+  bounds b = {
+      SELECT(NOWHERE, x.middle - x.reach - slack, visible), SELECT(-NOWHERE, x.middle + x.reach + slack, visible),
+      SELECT(NOWHERE, y.middle - y.reach - slack, visible), SELECT(-NOWHERE, y.middle + y.reach + slack, visible)};
   return b;
 }
 
@@ -170,7 +172,8 @@ static inline reals least_depth(const projected *s)
 #endif
 }
 
-static inline projected project_splats(constant View *view, reals3 world, reals3 world_low, reals3 tu_world, reals3 tv_world)
+static inline projected project_splats(constant View *view, reals3 world, reals3 world_low, reals3 tu_world,
+                                       reals3 tv_world)
 {
   eye_point c2 = eye_from_world(view, world, world_low);
   reals3 c = {c2.x.hi, c2.y.hi, c2.z.hi};
@@ -283,7 +286,8 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
 // before. (Waiting for them took half of the projection's time; prefetch() does nothing in PoCL.)
 #define AHEAD 24
 #if ON_POCL
-#define ASK_FOR(splat) (__builtin_prefetch((global const real *)(splat)), __builtin_prefetch((global const real *)((splat) + 1) - 1))
+#define ASK_FOR_WORD(word) __builtin_prefetch((global const real *)(word))
+#define ASK_FOR(splat) (ASK_FOR_WORD(splat), ASK_FOR_WORD((global const real *)((splat) + 1) - 1))
 #else
 #define ASK_FOR(splat)
 #endif

@@ -70,6 +70,13 @@ static inline counted_boxes count_boxes(const boxes *b)
                      whole_of(b->y_last - b->y_first) + (bits)1};
   return c;
 }
+
+// From a block's first pixel in the region to each of its LANES pixels.
+static inline void block_offsets(int *offset)
+{
+  for (int lane = 0; lane < LANES; ++lane) offset[lane] = lane / BLOCK_X * REGION + lane % BLOCK_X;
+}
+
 #define WHOLE_OF(values, lane) ((int)((const bits *)&(values))[lane])
 
 static inline int all_small(const boxes *b)
@@ -90,9 +97,20 @@ static inline int append_near(global const real *near_z, int begin, int end, rea
   return num;
 }
 
-// Move what is left of a queue to its beginning and return how much that is.
-static inline int keep_rest(int *place, int done, int num)
-{
-  for (int i = done; i < num; ++i) place[i - done] = place[i];
-  return num - done;
-}
+// Take the records in [begin, end) that are no farther than `farthest`, which is asked for again and again:
+// TAKE(place, num) for the places of num <= LANES records; those beyond are records too.
+#define STREAM(near_z, begin, end, farthest, TAKE)                                                     \
+  {                                                                                                    \
+    int place[QUEUE + LANES], num = 0;                                                                 \
+    for (int i = begin; i < end; i += QUEUE) {                                                         \
+      num = append_near(near_z, i, least(i + QUEUE, end), farthest, place, num);                       \
+      int done = 0;                                                                                    \
+      for (; done + LANES <= num; done += LANES) TAKE(place + done, LANES);                            \
+      num -= done;                                                                                     \
+      for (int rest = 0; rest < num; ++rest) place[rest] = place[done + rest];                         \
+    }                                                                                                  \
+    if (num) {                                                                                         \
+      for (int lane = num; lane < LANES; ++lane) place[lane] = place[0];                               \
+      TAKE(place, num);                                                                                \
+    }                                                                                                  \
+  }

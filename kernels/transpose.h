@@ -33,28 +33,27 @@ static inline void transpose(reals *v)
   v[6] = (float8)(q2.hi, q6.hi);
   v[7] = (float8)(q3.hi, q7.hi);
 }
-#define ROW(space, place) (((space const unaligned8 *)(place))->values)
-#define LOAD_EIGHT(fields, space, place) /* place: of lane's first real */                            \
-  eight fields;                                                                                       \
-  for (int lane = 0; lane < LANES; ++lane) fields.v[lane] = ROW(space, place);                        \
+#define LOAD_EIGHT(fields, space, place) /* place: of lane's first real */                                     \
+  eight fields;                                                                                                \
+  for (int lane = 0; lane < LANES; ++lane) fields.v[lane] = ((space const unaligned8 *)(place))->values;       \
   transpose(fields.v)
-#define STORE_EIGHT(fields, num, place)                                                                      \
-  transpose(fields.v);                                                                               \
+#define STORE_EIGHT(fields, num, place)                                                                        \
+  transpose(fields.v);                                                                                         \
   for (int lane = 0; lane < (num); ++lane) ((global unaligned8 *)(place))->values = fields.v[lane]
 #else  // a row as one vector: rusticl steps by whole records through a record's words
-#define LOAD_EIGHT(fields, space, place)                                                                   \
-  eight fields;                                                                                            \
-  for (int lane = 0; lane < LANES; ++lane) {                                                               \
-    const real8 row = ((space const unaligned8 *)(place))->values;                                         \
-    LANE_OF_EIGHT(fields, 0) = row.s0, LANE_OF_EIGHT(fields, 1) = row.s1, LANE_OF_EIGHT(fields, 2) = row.s2; \
-    LANE_OF_EIGHT(fields, 3) = row.s3, LANE_OF_EIGHT(fields, 4) = row.s4, LANE_OF_EIGHT(fields, 5) = row.s5; \
-    LANE_OF_EIGHT(fields, 6) = row.s6, LANE_OF_EIGHT(fields, 7) = row.s7;                                  \
+#define LOAD_EIGHT(fields, space, place)                                                                       \
+  eight fields;                                                                                                \
+  for (int lane = 0; lane < LANES; ++lane) {                                                                   \
+    const real8 row = ((space const unaligned8 *)(place))->values;                                             \
+    LANE_OF_EIGHT(fields, 0) = row.s0, LANE_OF_EIGHT(fields, 1) = row.s1, LANE_OF_EIGHT(fields, 2) = row.s2;   \
+    LANE_OF_EIGHT(fields, 3) = row.s3, LANE_OF_EIGHT(fields, 4) = row.s4, LANE_OF_EIGHT(fields, 5) = row.s5;   \
+    LANE_OF_EIGHT(fields, 6) = row.s6, LANE_OF_EIGHT(fields, 7) = row.s7;                                      \
   }
-#define STORE_EIGHT(fields, num, place)                                                                    \
-  for (int lane = 0; lane < (num); ++lane)                                                                 \
-  ((global unaligned8 *)(place))->values =                                                                 \
-      (real8)(LANE_OF_EIGHT(fields, 0), LANE_OF_EIGHT(fields, 1), LANE_OF_EIGHT(fields, 2),                \
-              LANE_OF_EIGHT(fields, 3), LANE_OF_EIGHT(fields, 4), LANE_OF_EIGHT(fields, 5),                \
+#define STORE_EIGHT(fields, num, place)                                                                        \
+  for (int lane = 0; lane < (num); ++lane)                                                                     \
+  ((global unaligned8 *)(place))->values =                                                                     \
+      (real8)(LANE_OF_EIGHT(fields, 0), LANE_OF_EIGHT(fields, 1), LANE_OF_EIGHT(fields, 2),                    \
+              LANE_OF_EIGHT(fields, 3), LANE_OF_EIGHT(fields, 4), LANE_OF_EIGHT(fields, 5),                    \
               LANE_OF_EIGHT(fields, 6), LANE_OF_EIGHT(fields, 7))
 #define LANE_OF_EIGHT(fields, word) (((real *)&fields.v[word])[lane])
 #endif

@@ -74,7 +74,7 @@ static inline void large_box(front *f, global const ProjectedSplat *record, uint
   const discs s = disc_of(&whole);
   const reals left = (real)(w->x + first % REGION) + LANE_X, top = (real)(w->y + first / REGION) + LANE_Y;
   int offset[LANES];
-  for (int lane = 0; lane < LANES; ++lane) offset[lane] = lane / BLOCK_X * REGION + lane % BLOCK_X;
+  block_offsets(offset);
   for (int y = 0; y < down; y += BLOCK_Y)
     for (int x = 0; x < across; x += BLOCK_X) {
       const masks in_box = MASK(LANE_X < (real)(across - x)) & MASK(LANE_Y < (real)(down - y));
@@ -131,18 +131,8 @@ kernel void visibility(global const ProjectedSplat *records, global const real *
       f.depth[y * REGION + x] = (real)INFINITY;
 #endif
     }
-  int place[QUEUE + LANES];
-  int num = 0;
-  for (int i = begin; i < end; i += QUEUE) {
-    num = append_near(near_z, i, least(i + QUEUE, end), farthest_of(&f), place, num);
-    int done = 0;
-    for (; done + LANES <= num; done += LANES) batch(&f, records, ids + first_entry, place + done, LANES, &w, near, far);
-    num = keep_rest(place, done, num);
-  }
-  if (num) {
-    for (int lane = num; lane < LANES; ++lane) place[lane] = place[0];
-    batch(&f, records, ids + first_entry, place, num, &w, near, far);
-  }
+#define TAKE(place, num) batch(&f, records, ids + first_entry, place, num, &w, near, far)
+  STREAM(near_z, begin, end, farthest_of(&f), TAKE)
   for (int p = 0; p < REGION_PIXELS; ++p) {
     const int x = w.x + p % REGION, y = w.y + p / REGION;
     if (x >= width || y >= height) continue;

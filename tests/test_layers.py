@@ -43,7 +43,6 @@ def assert_layers_do_not_show(device, splats, camera, settings, tile_size):
 @pytest.mark.parametrize("thickness", [0, pipeline.FRONT_THICKNESS])
 @pytest.mark.parametrize(("scene_name", "camera_name"), VIEWS)
 def test_layers_do_not_change_the_sums(device, monkeypatch, scene_name, camera_name, thickness, precision):
-    """Mutation: `least` for `greatest` epsilon, or none, in hiding_of."""
     monkeypatch.setattr(pipeline, "FRONT_THICKNESS", thickness)
     settings = RenderSettings(epsilon=EPSILON, precision=precision)
     for tile_size in TILES:
@@ -53,6 +52,7 @@ def test_layers_do_not_change_the_sums(device, monkeypatch, scene_name, camera_n
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_layers_of_any_discs_do_not_change_the_sums(device, monkeypatch, projection, precision):
+    """Mutation: no epsilon in hiding_of."""
     monkeypatch.setattr(pipeline, "FRONT_THICKNESS", 0)
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -93,7 +93,7 @@ def fragments_of(records, attributes, x, y, settings, projection):
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")
 def test_no_fragment_is_nearer_or_elsewhere_than_its_clue_says(device, projection, precision):
-    """Mutations: DEPTH_SLACK or DISTANCE_SLACK negative; SURE_TILT or SURE_ANGLE 0; `first` for `last` in clue_of."""
+    """Mutations: DEPTH_SLACK or DISTANCE_SLACK negative; `first` for `last` in clue_of."""
     num_sure = num_fragments = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
