@@ -154,6 +154,48 @@ static inline real begin_target(target *t, constant View *view, const region *w,
   return farthest;
 }
 
+typedef struct {
+  global real *weight, *color, *normal, *depth;
+  global uint *count;
+} sum_images;
+
+static inline void write_sums(const sum_images *to, const target *t, constant View *view, const region *w)
+{
+  for (int y = 0; y < least(REGION, view->height - w->y); ++y)
+    for (int x = 0; x < least(REGION, view->width - w->x); ++x) {
+      const long q = (long)(w->y + y) * view->width + w->x + x;
+      const real8 s = t->sums[y * REGION + x];
+      to->weight[q] = s.SUM_WEIGHT;
+      to->color[3 * q] = s.s0;
+      to->color[3 * q + 1] = s.s1;
+      to->color[3 * q + 2] = s.s2;
+      to->normal[3 * q] = s.s3;
+      to->normal[3 * q + 1] = s.s4;
+      to->normal[3 * q + 2] = s.s5;
+      to->depth[q] = s.SUM_Z;
+      to->count[q] = t->count[y * REGION + x];
+    }
+}
+
+static inline void write_zeros(global real *image, long first, int num)
+{
+  for (int i = 0; i < num; ++i) image[first + i] = R(0.0);
+}
+
+// The same where there is nothing: half of an image may be background.
+static inline void write_nothing(const sum_images *to, constant View *view, const region *w)
+{
+  const int across = least(REGION, view->width - w->x);
+  for (int y = 0; y < least(REGION, view->height - w->y); ++y) {
+    const long q = (long)(w->y + y) * view->width + w->x;
+    write_zeros(to->weight, q, across);
+    write_zeros(to->color, 3 * q, 3 * across);
+    write_zeros(to->normal, 3 * q, 3 * across);
+    write_zeros(to->depth, q, across);
+    for (int x = 0; x < across; ++x) to->count[q + x] = 0;
+  }
+}
+
 kernel void attributes(constant View *view, global const ProjectedSplat *records,
                        global const SplatAttributes *splat_attributes, global const uint2 *boxes,
                        global const real *near_z, global const int *tile_begin, const int first_tile,
@@ -164,24 +206,15 @@ kernel void attributes(constant View *view, global const ProjectedSplat *records
 {
   const region w = region_of(get_global_id(0), first_tile, tiles_x);
   const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
+  const sum_images to = {weight_sum, color_sum, normal_sum, depth_sum, count};
+  if (begin >= end) {
+    write_nothing(&to, view, &w);
+    return;
+  }
   const rules r = {view->near, view->far, falloff, inverse_radius2, table, table_size, w.x, w.y};
   target t;
   const real farthest = begin_target(&t, view, &w, depth, epsilon, along_ray);
 #define TAKE(place, num) batch(&t, records, splat_attributes, boxes, place, num, &w, &r)
   STREAM(near_z, begin, end, farthest, TAKE)
-  for (int p = 0; p < REGION_PIXELS; ++p) {
-    const int x = w.x + p % REGION, y = w.y + p / REGION;
-    if (x >= view->width || y >= view->height) continue;
-    const long q = (long)y * view->width + x;
-    const real8 s = t.sums[p];
-    weight_sum[q] = s.SUM_WEIGHT;
-    color_sum[3 * q] = s.s0;
-    color_sum[3 * q + 1] = s.s1;
-    color_sum[3 * q + 2] = s.s2;
-    normal_sum[3 * q] = s.s3;
-    normal_sum[3 * q + 1] = s.s4;
-    normal_sum[3 * q + 2] = s.s5;
-    depth_sum[q] = s.SUM_Z;
-    count[q] = t.count[p];
-  }
+  write_sums(&to, &t, view, &w);
 }
