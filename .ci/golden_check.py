@@ -16,7 +16,7 @@ from typing import Any
 
 import pyopencl
 
-from splatcl import Renderer, device, golden, pipeline
+from splatcl import Renderer, device, golden, pipeline, program
 from splatcl.errors import DeviceError
 
 WAYS: tuple[dict[str, Any], ...] = (
@@ -107,8 +107,8 @@ def explain(renderer: Renderer, name: str) -> int:
 
 def seed(error: str) -> int:
     """Render a scene under kernels with `error` in them."""
-    real, (good, bad) = device.inline_source, SEEDED[error]
-    device.inline_source = lambda *a: real(*a).replace(good, bad)
+    real, (good, bad) = program.inline_source, SEEDED[error]
+    program.inline_source = lambda *a: real(*a).replace(good, bad)
     scene = next(s for s in golden.scenes() if s.tiny)
     golden.digest(Renderer(tile_size=8).render(scene.splats, scene.camera, scene.settings))
     return 0

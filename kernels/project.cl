@@ -9,11 +9,7 @@
 #include "lanes.h"
 #include "transpose.h"
 #include "projected.h"
-#include "clue.h"
-
-#define EVERY 0
-#define FRONT 1
-#define BEHIND 2
+#include "layer.h"
 
 // Coverage is decided per pixel (splat.h); bounds only have to be safe. SLACK_PIXELS covers the rounding of the
 // pixel offsets, the relative terms that of the coefficients, which grows with 1/cos(tilt).
@@ -293,64 +289,6 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
 #endif
 
 #define LOW(lane, axis) center_low[3 * ids[entry[lane]] + axis]
-
-// The tile lists of a band, and by what an entry is chosen for a layer.
-typedef struct {
-  global const int *clues, *begin, *layer_ends;
-  int num_tiles, first_tile, tiles_x;
-  global const real *depth;
-  real epsilon;
-} tile_lists;
-
-// The tile whose list holds the entry i.
-static inline int tile_of(const tile_lists *l, int i)
-{
-  int low = 0, high = l->num_tiles;
-  while (high - low > 1) {
-    const int middle = (low + high) / 2;
-    low = l->begin[middle] <= i ? middle : low;
-    high = l->begin[middle] <= i ? high : middle;
-  }
-  return low;
-}
-
-// Append the entries in [begin, end) whose nearest depth is in (after, upto].
-static inline int append_between(global const int *clues, int begin, int end, int after, int upto, int *entry, int num)
-{
-  for (int i = begin; i < end; ++i) {
-    const int z = NEAR_BITS(clues[i]);
-    entry[num] = i;
-    num += (z > after) & (z <= upto);
-  }
-  return num;
-}
-
-// The entries in [begin, end) that this layer is to project; return how many.
-static inline int entries_of_layer(constant View *view, const tile_lists *l, int begin, int end, int *entry)
-{
-  int num = 0;
-#if LAYER == EVERY
-  for (int i = begin; i < end; ++i) entry[num++] = i;
-#else
-  int tile = tile_of(l, begin);
-  for (int i = begin; i < end; ++tile) {
-    const int stop = least(end, l->begin[tile + 1]), layer_end = l->layer_ends[l->first_tile + tile];
-#if LAYER == FRONT
-    num = append_between(l->clues, i, stop, -1, layer_end, entry, num);
-#else
-    const int left = (l->first_tile + tile) % l->tiles_x * TILE, top = (l->first_tile + tile) / l->tiles_x * TILE;
-    const hiding h = hiding_of(l->depth, left, top, view->width, view->height, l->epsilon);
-    const int candidates = append_between(l->clues, i, stop, layer_end, h.beyond, entry, num);
-    for (int k = num; k < candidates; ++k) {
-      entry[num] = entry[k];
-      num += may_show(l->clues[entry[k]], &h);
-    }
-#endif
-    i = stop;
-  }
-#endif
-  return num;
-}
 
 // A record for each entry of the tile lists that LAYER names: EVERY one; those in FRONT; or those BEHIND that `depth`,
 // to which the front has been drawn, does not hide. Of the others near_z says that there are no pixels.

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from splatcl import oracle, pipeline
 from splatcl.camera import Camera
 from splatcl.frame import Frame
-from splatcl.pipeline import DepthBuffer, Passes, ProjectedSplats, TileLists
+from splatcl.passes import Passes
+from splatcl.pipeline import DepthBuffer, ProjectedSplats, TileLists
 from splatcl.render import DeviceAovs, Renderer, Resident
 from splatcl.resident import ResidentSplats
 from splatcl.settings import RenderSettings

@@ -1,4 +1,4 @@
-"""OpenCL devices: which there are, which one is used, and how kernels are built for it."""
+"""OpenCL devices: which there are and which one is used; a queue on it, with its programs and buffers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.errors import DeviceError
+from splatcl.program import Program
 from splatcl.strict import Strictness
 
 WorkItem = Literal["tile", "pixel"]
@@ -135,67 +135,6 @@ def choose_device(wanted: str | int | None = None) -> DeviceInfo:
                 return device
     known = "; ".join(f"{d.index}: {d.version}, {d.name}" for d in devices)
     raise DeviceError(f"no OpenCL device fits {wanted!r}; there are {known}")
-
-
-PRAGMAS = """\
-#pragma OPENCL FP_CONTRACT OFF
-#ifdef __clang__  // PoCL 3.1 would warn of each function that takes sixteen lanes where the CPU has vectors of eight
-#pragma clang diagnostic ignored "-Wpsabi"
-#endif
-"""
-"""Before every program: no product is fused with a sum."""
-
-
-class Program:
-    """Kernels of one source file, built with one set of options; each kernel is retrieved once."""
-
-    def __init__(self, context: Any, name: str, prelude: str, options: Mapping[str, str | int]) -> None:
-        import pyopencl as cl
-
-        defines = "".join(f"#define {key} {value}\n" for key, value in options.items())
-        source = f"{PRAGMAS}{defines}{prelude}\n{inline_source(name, options)}"
-        try:
-            program = cl.Program(context, source).build(options=_rounding_options(context.devices[0]))
-        except cl.RuntimeError as error:
-            raise DeviceError(f"kernels/{name} does not build on this device:\n{error}") from None
-        self.kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
-
-    def __call__(self, queue: Any, name: str, size: tuple[int, ...], group: int, *args: Any) -> None:
-        """Run kernel `name` over `size` work-items; nothing is run where that is empty.
-
-        One-dimensional work-items come in groups of `group`; the runtime groups those of an image.
-        """
-        if all(size):
-            self.kernels[name](queue, size, (group,) if len(size) == 1 else None, *args)
-
-
-def _rounding_options(device: Any) -> list[str]:
-    """Ask for correctly rounded division and square root where that can be asked for (GPUs are fast without)."""
-    import pyopencl as cl
-
-    can_be_asked = device.single_fp_config & cl.device_fp_config.CORRECTLY_ROUNDED_DIVIDE_SQRT
-    return ["-cl-fp32-correctly-rounded-divide-sqrt"] if can_be_asked else []
-
-
-def inline_source(name: str, options: Mapping[str, str | int]) -> str:
-    """Return kernels/`name` with its headers inlined once each; #line keeps errors at the real file and line."""
-    done: set[str] = set()
-
-    def inline(file: str) -> str:
-        if file in done:
-            return ""
-        done.add(file)
-        lines = [f'#line 1 "kernels/{file}"']
-        for number, line in enumerate((files("splatcl.kernels") / file).read_text().splitlines(), 1):
-            include = re.fullmatch(r'#include (?:"(.+)"|(\w+))', line)
-            if include:
-                header = include[1] or str(options[include[2]]).strip('"')
-                lines += [inline(header), f'#line {number + 1} "kernels/{file}"']
-            else:
-                lines.append(line)
-        return "\n".join(lines)
-
-    return inline(name)
 
 
 HUGE_PAGES_FROM = 16 << 20

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.pipeline import Passes, bands, chunks, starts
+from splatcl.passes import Passes
+from splatcl.pipeline import bands, chunks, starts
 from splatcl.resident import near_origin
 from splatcl.splats import Splats
 

@@ -8,35 +8,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import gcd
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.camera import Camera
-from splatcl.layout import REAL, structs
 from splatcl.lights import Light
+from splatcl.passes import BEHIND, EVERY, Passes, rotated
 from splatcl.resident import PLANE_PAD, ResidentSplats
-from splatcl.settings import Precision, RenderSettings
-
-if TYPE_CHECKING:
-    from splatcl.device import DeviceQueue
+from splatcl.settings import RenderSettings
 
 MAX_CHUNKS = 64
 MIN_CHUNK = 1024
 ENTRIES_PER_ITEM = 1024
 """Entries of the tile lists that a work-item of the projection takes."""
-PIXEL_GROUP = 64
-"""Work-items per group where each takes one pixel; it must divide the smallest tile."""
-FEW_TILES, MANY_ENTRIES = 8, 4096
-"""A band of fewer tiles, with more entries a tile than that, is cut into smaller work-items."""
 MAX_BAND_RECORDS = 384 << 10
 """Records of one band of tiles, 43 MB in single precision: a few launches for each; a single tile may need more."""
 MAX_LIST_ENTRIES = 128 << 20
 """Entries of the tile lists held together: 512 MiB; a single tile may need more."""
-FACING = {"keep": 0, "flip": 1, "cull": 2}
-EVERY, FRONT, BEHIND = 0, 1, 2
-"""Layers of the tile lists: every entry; those near the nearest of their tile; those behind that they do not hide."""
 FRONT_THICKNESS = 2
 """Of a tile's front layer, in widths of the tile."""
 
@@ -91,93 +81,6 @@ class GBuffer:
     normal_sum: Any
     depth_sum: Any
     count: Any
-
-
-class Passes:
-    """What every pass of one frame needs: the device, the camera and settings as structs, the tile grid."""
-
-    def __init__(
-        self,
-        device: DeviceQueue,
-        camera: Camera,
-        settings: RenderSettings,
-        tile_size: int,
-        precision: Precision,
-    ) -> None:
-        self.device, self.camera, self.settings, self.tile_size = device, camera, settings, tile_size
-        self.precision, self.real = precision, np.dtype(REAL[precision])
-        self.dtypes, self.declarations = structs(REAL[precision])
-        self.lanes = device.lanes_of(self.real)
-        self.tiles_x = -(-camera.width // tile_size)
-        self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
-        self.num_pixels = camera.width * camera.height
-        # Where what faces away is culled, little is hidden.
-        self.layers = (EVERY,) if settings.facing == "cull" else (FRONT, BEHIND)
-
-    def run(self, kernel: str, size: tuple[int, ...], *args: Any, group: int = 1, **options: str | int) -> None:
-        """Run `kernel` of the file that its name begins with, built for this frame, over `size` work-items.
-
-        Python integers become int, Python floats the frame's real.
-        """
-        common = {
-            "LANES": self.lanes,
-            "DOUBLE": int(self.real == np.float64),
-            "TILE": self.tile_size,
-            **self.device.strictness.options(self.precision),
-            "ORTHOGRAPHIC": int(self.camera.projection == "orthographic"),
-        }
-        file = {"resolve": "shade.cl"}.get(kernel, kernel.split("_")[0] + ".cl")
-        converted = [
-            np.int32(a) if isinstance(a, int) else self.real.type(a) if isinstance(a, float) else a for a in args
-        ]
-        program = self.device.program(file, self.declarations, **(common | options))
-        program(self.device.queue, kernel, size, group, *converted)
-
-    def run_raster(self, kernel: str, lists: TileLists, *args: Any, **options: int) -> None:
-        """Run a raster pass over a band's tiles: a work-item per tile, or per pixel of each.
-
-        Where a few tiles hold many splats, a work-item takes a quarter of a tile, for the other cores to help.
-        """
-        num_tiles, group, region = lists.last_tile - lists.first_tile, 1, self.tile_size
-        if self.device.mapping == "pixel":
-            group, region = PIXEL_GROUP, 1
-        elif num_tiles < FEW_TILES and lists.begin[-1] > MANY_ENTRIES * num_tiles:
-            region = self.tile_size // 2
-        size = num_tiles * (self.tile_size // region) ** 2
-        self.run(kernel, (size,), *args, group=group, REGION=region, **options)
-
-    def image(self, channels: int = 1, dtype: Any = None) -> Any:
-        """Return a new image buffer of (H, W, channels)."""
-        return self.device.image(self.num_pixels, channels * np.dtype(dtype or self.real).itemsize)
-
-    def constant(self, array: NDArray[Any]) -> Any:
-        """Return `array` as a buffer on the device."""
-        import pyopencl as cl
-
-        if not array.size:
-            return self.device.buffer(0)
-        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
-        return cl.Buffer(self.device.context, flags, hostbuf=np.ascontiguousarray(array))
-
-    def view(self, origin: NDArray[np.float64]) -> Any:
-        """Return the View struct: the camera for world coordinates relative to `origin`, to twice the precision."""
-        camera, view = self.camera, np.zeros(1, self.dtypes["View"])
-        rotation = camera.eye_from_world[:3, :3]
-        translation = camera.eye_from_world[:3, 3] + _rotated(rotation, origin)
-        exact = {f"r{i}{j}": rotation[i, j] for i in range(3) for j in range(3)}
-        exact |= {f"t{i}": translation[i] for i in range(3)}
-        exact |= {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx - 0.5, "cy": camera.cy - 0.5}
-        for name, value in exact.items():
-            view[f"{name}_hi"] = value
-            view[f"{name}_lo"] = value - view[f"{name}_hi"].astype(np.float64)
-        view["reach"] = np.abs(translation).sum()
-        view["near"], view["far"] = camera.near, camera.far
-        view["prefilter_radius"] = self.settings.prefilter_radius
-        view["width"], view["height"] = camera.width, camera.height
-        view["facing"] = FACING[self.settings.facing]
-        view["prefilter"] = self.settings.prefilter == "min"
-        view["prefilter_at_bounds"] = self.settings.prefilter_center == "bounds"
-        return self.constant(view)
 
 
 def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists]:
@@ -376,15 +279,10 @@ def _eye_light(light: Light, camera: Camera) -> tuple[float, ...]:
         is_point, eye = camera.projection == "perspective", np.zeros(3)
         eye[2] = 0.0 if is_point else -1.0
     elif light.kind == "point":
-        is_point, eye = True, _rotated(rotation, vector) + camera.eye_from_world[:3, 3]
+        is_point, eye = True, rotated(rotation, vector) + camera.eye_from_world[:3, 3]
     else:
-        is_point, eye = False, _rotated(rotation, vector / np.sqrt((vector * vector).sum()))
+        is_point, eye = False, rotated(rotation, vector / np.sqrt((vector * vector).sum()))
     return (*eye, float(is_point), *light.color)
-
-
-def _rotated(rotation: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product by single operations: the one of a BLAS has other bits on other CPUs."""
-    return (rotation[:, 0] * vector[0] + rotation[:, 1] * vector[1]) + rotation[:, 2] * vector[2]
 
 
 def effective_settings(settings: RenderSettings, oriented: bool) -> RenderSettings:

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from splatcl import pipeline
 from splatcl.camera import Camera
-from splatcl.pipeline import Passes, TileLists
+from splatcl.passes import Passes
+from splatcl.pipeline import TileLists
 from splatcl.render import Renderer, Resident
 from splatcl.resident import ResidentSplats
 from splatcl.settings import RenderSettings

@@ -15,7 +15,8 @@ from splatcl.camera import Camera
 from splatcl.device import DeviceQueue, WorkItem, forked
 from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
-from splatcl.pipeline import DepthBuffer, GBuffer, Passes
+from splatcl.passes import Passes
+from splatcl.pipeline import DepthBuffer, GBuffer
 from splatcl.resident import ResidentSplats, upload
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats

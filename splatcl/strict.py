@@ -96,7 +96,7 @@ def _cache_folder() -> Path:
 
 def _key(device: DeviceQueue, precision: Precision, lanes: tuple[int, ...]) -> str:
     """Return a hash of all that the result depends on: the device, its driver, injected flags, and the test itself."""
-    from splatcl.device import inline_source
+    from splatcl.program import inline_source
 
     handle = device.info.handle
     facts = (device.info.platform, device.info.version, device.info.name, handle.driver_version, precision, lanes)

@@ -18,7 +18,8 @@ from splatcl.camera import Camera
 from splatcl.envelope import check_tolerance
 from splatcl.errors import DeviceError
 from splatcl.nearby import VALUES, NearbySplats, nearby, upload
-from splatcl.pipeline import PIXEL_GROUP, Passes, fragment_arguments
+from splatcl.passes import PIXEL_GROUP, Passes
+from splatcl.pipeline import fragment_arguments
 from splatcl.render import Renderer, Resident
 from splatcl.settings import RenderSettings
 

@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from splatcl import oracle, pipeline
-from splatcl.pipeline import DepthBuffer, GBuffer, Passes
+from splatcl.passes import Passes
+from splatcl.pipeline import DepthBuffer, GBuffer
 from splatcl.resident import upload
 
 BOX = ("x_min", "y_min", "x_max", "y_max")

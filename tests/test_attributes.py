@@ -11,7 +11,7 @@ from agreement import assert_attributes_agree, reference, scene
 from passes import DevicePasses
 from scenes import CAMERAS, EPSILON, SIZE, VIEWS, frames, log_uniform, make
 
-from splatcl import Camera, RenderSettings, Splats
+from splatcl import Camera, RenderSettings, Splats, program
 from splatcl import device as devices
 
 TABLE = {"kernel": "table", "kernel_table": (1.0, 0.9, 0.4, 0.15, 0.1)}
@@ -149,8 +149,8 @@ def test_records_that_are_too_far_add_nothing(device, monkeypatch, choices):
         cases.append((skewed(camera, seed), camera))
     settings = RenderSettings(epsilon=0.0, **choices)
     skipping = [DevicePasses(device, *case, settings, tile_size=8).raster() for case in cases]
-    inlined = devices.inline_source
-    monkeypatch.setattr(devices, "inline_source", lambda *a: inlined(*a).replace(SKIP, TAKE))
+    inlined = program.inline_source
+    monkeypatch.setattr(program, "inline_source", lambda *a: inlined(*a).replace(SKIP, TAKE))
     other = devices.DeviceQueue()
     for case, got in zip(cases, skipping, strict=True):
         want = DevicePasses(other, *case, settings, tile_size=8).raster()

@@ -10,7 +10,7 @@ import pytest
 from cli_stub import run, stub
 
 import splatcl.io
-from splatcl import device
+from splatcl import device, program
 from splatcl.cli import FAILED, MISTAKE, as_options
 from splatcl.errors import DeviceError, FileError
 
@@ -104,7 +104,7 @@ def test_a_full_disk_is_a_failed_run(stub, capsys, tmp_path, name):
 
 def test_a_kernel_that_does_not_build_is_a_failed_run(capsys, monkeypatch, tmp_path):
     (tmp_path / "s.xyz").write_text("0 0 0\n1 0 0\n0 1 0\n")
-    monkeypatch.setattr(device, "inline_source", lambda *args: "not OpenCL")
+    monkeypatch.setattr(program, "inline_source", lambda *args: "not OpenCL")
     status, _, err = run(capsys, f"render {tmp_path}/s.xyz --png {tmp_path}/o.png --allow-inexact")
     assert status == FAILED and "does not build on this device" in err[0]
 

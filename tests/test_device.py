@@ -14,6 +14,7 @@ import pytest
 
 import splatcl
 from splatcl import device as devices
+from splatcl import program
 from splatcl.errors import DeviceError
 from splatcl.strict import FLAG_VARIABLES
 
@@ -99,9 +100,9 @@ def test_no_platform_at_all_is_one_clear_error(monkeypatch):
 
 
 def test_a_build_error_names_the_real_file_and_line(monkeypatch):
-    real = devices.inline_source
+    real = program.inline_source
     broken = "  target t;"
-    monkeypatch.setattr(devices, "inline_source", lambda *a: real(*a).replace(broken, "  target t oops;"))
+    monkeypatch.setattr(program, "inline_source", lambda *a: real(*a).replace(broken, "  target t oops;"))
     line = 1 + next(
         i
         for i, text in enumerate((devices.files("splatcl.kernels") / "attributes.cl").read_text().splitlines())

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import splatcl
-from splatcl import arithmetic, golden, strict
+from splatcl import arithmetic, golden, program, strict
 from splatcl import device as devices
 from splatcl.cli import main
 from splatcl.device import DeviceQueue
@@ -66,9 +66,9 @@ def mutate(monkeypatch, tmp_path):
     monkeypatch.setattr(strict, "_cache_folder", lambda: tmp_path)
 
     def edit(before, after):
-        real = devices.inline_source
+        real = program.inline_source
         assert before in real("doctor.cl", {}), before
-        monkeypatch.setattr(devices, "inline_source", lambda *a: real(*a).replace(before, after))
+        monkeypatch.setattr(program, "inline_source", lambda *a: real(*a).replace(before, after))
 
     return edit
 

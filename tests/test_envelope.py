@@ -12,8 +12,7 @@ from scenes import CAMERAS, EPSILON, SCENES, VIEWS, random_ellipses
 
 import splatcl
 import splatcl.io.exr
-from splatcl import RenderSettings, Splats, envelope, oracle, uncertainty
-from splatcl import device as devices
+from splatcl import RenderSettings, Splats, envelope, oracle, program, uncertainty
 
 CHOICES = {
     "default": RenderSettings(epsilon=EPSILON),
@@ -139,9 +138,9 @@ def test_fast_math_builds_are_inside(scene, flags, monkeypatch):
     def fast(self, options=None, *args, **kwargs):
         return build(self, [*(options or []), *flags.split()], *args, **kwargs)
 
-    real = devices.inline_source
+    real = program.inline_source
     monkeypatch.setattr(cl.Program, "build", fast)
-    monkeypatch.setattr(devices, "inline_source", lambda *a: "#pragma OPENCL FP_CONTRACT ON\n" + real(*a))
+    monkeypatch.setattr(program, "inline_source", lambda *a: "#pragma OPENCL FP_CONTRACT ON\n" + real(*a))
     splats, view, choices = SCENES[scene](4), CAMERAS["outside"], CHOICES["default"]
     careless = splatcl.Renderer(allow_inexact=True).render(splats, view, choices)
     weights = careless["weight"].copy()

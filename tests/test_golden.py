@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatcl import Frame, Renderer, device, golden, pipeline
+from splatcl import Frame, Renderer, device, golden, passes, pipeline
 from splatcl.errors import DeviceError
 
 MANY = """
@@ -112,7 +112,7 @@ def test_a_work_item_per_pixel(tile_size):
 @pytest.mark.parametrize("group", [1, 16, 32])
 def test_group_sizes_of_pixels(monkeypatch, group):
     """Mutation: visibility's region_of given `get_group_id(0) * get_local_size(0) / 64 * 64 + get_local_id(0)`."""
-    monkeypatch.setattr(pipeline, "PIXEL_GROUP", group)
+    monkeypatch.setattr(passes, "PIXEL_GROUP", group)
     assert golden.check(Renderer(mapping="pixel")) == []
 
 
@@ -139,8 +139,8 @@ def test_chunks_and_bands(monkeypatch, least, most):
 
 def test_quarters_of_tiles(monkeypatch):
     """As where a few tiles hold most splats. Mutation: `part / REGIONS` in place of `part / REGIONS_X` in region_of."""
-    monkeypatch.setattr(pipeline, "FEW_TILES", 1000)
-    monkeypatch.setattr(pipeline, "MANY_ENTRIES", -1)
+    monkeypatch.setattr(passes, "FEW_TILES", 1000)
+    monkeypatch.setattr(passes, "MANY_ENTRIES", -1)
     assert golden.check(Renderer()) == []
 
 

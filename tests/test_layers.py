@@ -9,6 +9,7 @@ from passes import DevicePasses
 from scenes import CAMERAS, EPSILON, VIEWS, any_camera, any_discs
 
 from splatcl import RenderSettings, pipeline
+from splatcl.passes import EVERY
 
 TILES = [8, 16, 32, 64]
 
@@ -34,7 +35,7 @@ def sums(device, splats, camera, settings, tile_size, layers=None):
 
 
 def assert_layers_do_not_show(device, splats, camera, settings, tile_size):
-    whole = sums(device, splats, camera, settings, tile_size, (pipeline.EVERY,))
+    whole = sums(device, splats, camera, settings, tile_size, (EVERY,))
     for name, array in sums(device, splats, camera, settings, tile_size).items():
         assert array.tobytes() == whole[name].tobytes(), name
 

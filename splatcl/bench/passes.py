@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from splatcl import pipeline
 from splatcl.camera import Camera
-from splatcl.pipeline import DepthBuffer, Passes, ProjectedSplats, TileLists
+from splatcl.passes import Passes
+from splatcl.pipeline import DepthBuffer, ProjectedSplats, TileLists
 from splatcl.render import Renderer, Resident
 from splatcl.settings import RenderSettings
 
