@@ -249,8 +249,8 @@ static inline int clue_of(int tile, int first, int last)
 // Write the lists of the tiles [first_tile, last_tile).
 kernel void bin_scatter(global const TouchedQuarters *lists, global const int *num_listed, const int spread,
                         const int chunk_size, global int *tile_offsets, global const int *tile_begin, global int *ids,
-                        global int *clues, const int tiles_x, const int num_tiles, const int first_tile,
-                        const int last_tile)
+                        global const int *layer_ends, global int *clues, const int tiles_x, const int num_tiles,
+                        const int first_tile, const int last_tile)
 {
   const int chunk = get_global_id(0) * spread % get_global_size(0);
   const int begin = chunk * chunk_size, end = begin + num_listed[chunk];
@@ -263,7 +263,8 @@ kernel void bin_scatter(global const TouchedQuarters *lists, global const int *n
       const int place = tile_begin[tile - first_tile] + offsets[tile]++;
       ids[place] = l.id;
 #if LAYERED
-      clues[place] = l.near_z | clue_of(x, X_OF(l.first), X_OF(l.last)) | clue_of(y, Y_OF(l.first), Y_OF(l.last)) << 4;
+      const int near_z = l.near_z > layer_ends[tile] ? l.near_z : 0;
+      clues[place] = near_z | clue_of(x, X_OF(l.first), X_OF(l.last)) | clue_of(y, Y_OF(l.first), Y_OF(l.last)) << 4;
 #endif
     }
   }

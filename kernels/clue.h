@@ -1,7 +1,8 @@
-// What an entry of the tile lists says of its splat before it is projected: a depth that no fragment is nearer than, a
-// positive float's upper 24 bits; and which quarters of the tile's sides it may touch: first and last column, first and
-// last row, two bits each. Positive floats are in the order of their bits. Needs arithmetic.h.
+// What an entry of the tile lists says of its splat before it is projected: 0 in the tile's front layer, otherwise a depth
+// that no fragment is nearer than, a positive float's upper 24 bits; and which quarters of the tile's sides it may touch:
+// first and last column, first and last row, two bits each. Positive floats are in the order of their bits.
 
 #define NEAR_BITS(word) ((word) & 0x7fffff00)
-#define UNKNOWN 0x7fffffff  // farther than all; a near_z that is not known is 0
+#define UNKNOWN 0x7fffffff  // farther than all; a splat's own depth, where it is not known, is 0
+#define HIDDEN 0x7fffffff   // the whole clue: nothing of the splat shows in the tile
 #define QUARTER_SHIFT (TILE == 8 ? 1 : TILE == 16 ? 2 : TILE == 32 ? 3 : 4)  // a quarter of a side, pixels

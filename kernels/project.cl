@@ -9,7 +9,11 @@
 #include "lanes.h"
 #include "transpose.h"
 #include "projected.h"
-#include "layer.h"
+#include "clue.h"
+
+#define EVERY 0
+#define FRONT 1
+#define BEHIND 2
 
 // Coverage is decided per pixel (splat.h); bounds only have to be safe. SLACK_PIXELS covers the rounding of the
 // pixel offsets, the relative terms that of the coefficients, which grows with 1/cos(tilt).
@@ -290,17 +294,31 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
 
 #define LOW(lane, axis) center_low[3 * ids[entry[lane]] + axis]
 
-// A record for each entry of the tile lists that LAYER names: EVERY one; those in FRONT; or those BEHIND that `depth`,
-// to which the front has been drawn, does not hide. Of the others near_z says that there are no pixels.
+// The entries in [begin, end) that this layer projects; return how many.
+static inline int entries_of_layer(global const int *clues, int begin, int end, int *entry)
+{
+  int num = 0;
+  for (int i = begin; i < end; ++i) {
+    entry[num] = i;
+#if LAYER == EVERY
+    ++num;
+#elif LAYER == FRONT
+    num += NEAR_BITS(clues[i]) == 0;
+#else
+    num += (NEAR_BITS(clues[i]) != 0) & (clues[i] != HIDDEN);
+#endif
+  }
+  return num;
+}
+
+// A record for each entry of the tile lists that LAYER names: EVERY one; those in FRONT; or those BEHIND that are not
+// hidden (hide.cl). Of the others near_z says that there are no pixels.
 kernel void project(constant View *view, global const Splat *splats, global const real *center_low,
                     global const int *ids, global const int *clues, const int first, const int num_entries,
-                    global const int *tile_begin, global const int *layer_ends, const int num_tiles,
-                    const int first_tile, const int tiles_x, global const real *depth, const real epsilon,
                     global ProjectedSplat *records, global SplatAttributes *attributes, global uint2 *boxes_drawn,
                     global real *disc_near_z, global real *near_z)
 {
   const outputs to = {records, attributes, boxes_drawn, disc_near_z, near_z};
-  const tile_lists lists = {clues + first, tile_begin, layer_ends, num_tiles, first_tile, tiles_x, depth, epsilon};
   const int begin = get_global_id(0) * ENTRIES, end = least(begin + ENTRIES, num_entries);
   ids += first;
 #if LAYER != EVERY
@@ -310,7 +328,7 @@ kernel void project(constant View *view, global const Splat *splats, global cons
   for (int i = begin; i < end; ++i) near_z[i] = (real)NAN;
 #endif
   int chosen[ENTRIES + 1];
-  const int num = entries_of_layer(view, &lists, begin, end, chosen);
+  const int num = entries_of_layer(clues + first, begin, end, chosen);
   for (int i = 0; i < least(AHEAD, num); ++i) ASK_FOR(splats + ids[chosen[i]]);
   for (int i = 0; i < num; i += LANES) {
     int entry[LANES];

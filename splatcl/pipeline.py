@@ -36,12 +36,11 @@ class TileLists:
     """Splats that may touch each tile of the band [first_tile, last_tile), a run for each tile, in splat order.
 
     The band's entries are `ids[start:start + begin[-1]]`; tile t's among them are from begin[t - first_tile].
-    Where there are layers, `clues` says of each entry, and `layer_ends` of each tile of the image, which it is in.
+    Where there are layers, `clues` says which each is in (kernels/clue.h).
     """
 
     ids: Any
     clues: Any
-    layer_ends: Any
     start: int
     begin: NDArray[np.int32]
     begin_buffer: Any
@@ -110,11 +109,11 @@ def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists
         clues = device.scratch("clues", options["LAYERED"] * int(begin[-1]) * 4)
         passes.run(
             "bin_scatter", (num_chunks,), listed, num_listed, spread, chunk_size, tile_counts, passes.constant(begin),
-            ids, clues, tiles_x, num_tiles, first, last, **options,
+            ids, layer_ends, clues, tiles_x, num_tiles, first, last, **options,
         )  # fmt: skip
         for a, b in bands(totals[first:last], MAX_BAND_RECORDS):
             own = begin[a : b + 1] - begin[a]
-            yield TileLists(ids, clues, layer_ends, int(begin[a]), own, passes.constant(own), first + a, first + b)
+            yield TileLists(ids, clues, int(begin[a]), own, passes.constant(own), first + a, first + b)
 
 
 def in_order(passes: Passes, num_splats: int) -> Iterator[TileLists]:
@@ -126,7 +125,7 @@ def in_order(passes: Passes, num_splats: int) -> Iterator[TileLists]:
 def listed(passes: Passes, ids: NDArray[np.int32]) -> TileLists:
     """Return given splats as the list of a tile."""
     begin = np.array([0, len(ids)], np.int32)
-    return TileLists(passes.constant(ids), None, None, 0, begin, passes.constant(begin), 0, 1)
+    return TileLists(passes.constant(ids), None, 0, begin, passes.constant(begin), 0, 1)
 
 
 def _spread(num: int) -> int:
@@ -150,19 +149,17 @@ def starts(lengths: NDArray[np.int32]) -> NDArray[np.int32]:
     return np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
 
 
-def project(
-    passes: Passes,
-    view: Any,
-    splats: ResidentSplats,
-    lists: TileLists,
-    layer: int = EVERY,
-    depth: DepthBuffer | None = None,
-    epsilon: float = 0.0,
-) -> ProjectedSplats:
-    """Project, cull and bound the splat of each entry of `layer` (kernels/project.cl).
+def hide(passes: Passes, lists: TileLists, depth: DepthBuffer, epsilon: float) -> None:
+    """Find the entries behind the front layer, which is in `depth`, that cannot show (kernels/hide.cl)."""
+    camera = passes.camera
+    passes.run(
+        "hide", (lists.last_tile - lists.first_tile,), lists.clues, lists.start, lists.begin_buffer, lists.first_tile,
+        passes.tiles_x, camera.width, camera.height, float(epsilon), depth.depth,
+    )  # fmt: skip
 
-    Those `BEHIND` are only projected where `depth`, which has those in `FRONT`, does not hide them.
-    """
+
+def project(passes: Passes, view: Any, splats: ResidentSplats, lists: TileLists, layer: int = EVERY) -> ProjectedSplats:
+    """Project, cull and bound the splat of each entry of `layer` that is not hidden (kernels/project.cl)."""
     num_entries = int(lists.begin[-1])
     sizes = {
         "records": passes.dtypes["ProjectedSplat"].itemsize,
@@ -174,9 +171,7 @@ def project(
     buffers = [passes.device.scratch(name, (num_entries + PLANE_PAD) * size) for name, size in sizes.items()]
     passes.run(
         "project", (-(-num_entries // ENTRIES_PER_ITEM),), view, splats.splats, splats.center_low or splats.splats,
-        lists.ids, lists.clues or lists.ids, lists.start, num_entries, lists.begin_buffer,
-        lists.layer_ends or lists.ids, lists.last_tile - lists.first_tile, lists.first_tile, passes.tiles_x,
-        depth.depth if depth else splats.splats, float(epsilon), *buffers, ENTRIES=ENTRIES_PER_ITEM,
+        lists.ids, lists.clues or lists.ids, lists.start, num_entries, *buffers, ENTRIES=ENTRIES_PER_ITEM,
         CENTER_LOW=int(splats.center_low is not None), LAYER=layer,
     )  # fmt: skip
     return ProjectedSplats(*buffers)

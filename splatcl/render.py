@@ -15,7 +15,7 @@ from splatcl.camera import Camera
 from splatcl.device import DeviceQueue, WorkItem, forked
 from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
-from splatcl.passes import Passes
+from splatcl.passes import BEHIND, Passes
 from splatcl.pipeline import DepthBuffer, GBuffer
 from splatcl.resident import ResidentSplats, upload
 from splatcl.settings import RenderSettings
@@ -146,7 +146,9 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
     depth, gbuffer = pipeline.frame_buffers(passes)
     for lists in pipeline.bin(passes, view, on_device):
         for layer in passes.layers:
-            projected = pipeline.project(passes, view, on_device, lists, layer, depth, epsilon)
+            if layer == BEHIND:
+                pipeline.hide(passes, lists, depth, epsilon)
+            projected = pipeline.project(passes, view, on_device, lists, layer)
             pipeline.visibility(passes, lists, projected, depth, layer)
         pipeline.attributes(passes, view, lists, projected, depth, epsilon, gbuffer)
     color = pipeline.shade(passes, view, depth, gbuffer)

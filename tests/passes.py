@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from splatcl import oracle, pipeline
-from splatcl.passes import Passes
+from splatcl.passes import BEHIND, Passes
 from splatcl.pipeline import DepthBuffer, GBuffer
 from splatcl.resident import upload
 
@@ -74,8 +74,9 @@ class DevicePasses:
         depth, gbuffer = pipeline.frame_buffers(self.passes)
         for lists in pipeline.bin(self.passes, self.view, self.splats):
             for layer in self.passes.layers:
-                chosen = (lists, layer, depth, self.epsilon)
-                projected = pipeline.project(self.passes, self.view, self.splats, *chosen)
+                if layer == BEHIND:
+                    pipeline.hide(self.passes, lists, depth, self.epsilon)
+                projected = pipeline.project(self.passes, self.view, self.splats, lists, layer)
                 pipeline.visibility(self.passes, lists, projected, depth, layer)
             pipeline.attributes(self.passes, self.view, lists, projected, depth, self.epsilon, gbuffer)
         return {name: self._image(name, value) for name, value in (vars(depth) | vars(gbuffer)).items()}

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -105,7 +106,7 @@ def test_a_build_error_names_the_real_file_and_line(monkeypatch):
     monkeypatch.setattr(program, "inline_source", lambda *a: real(*a).replace(broken, "  target t oops;"))
     line = 1 + next(
         i
-        for i, text in enumerate((devices.files("splatcl.kernels") / "attributes.cl").read_text().splitlines())
+        for i, text in enumerate((files("splatcl.kernels") / "attributes.cl").read_text().splitlines())
         if broken in text
     )
     with pytest.raises(DeviceError, match=rf"kernels/attributes.cl:{line}:"):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from splatcl import pipeline
 from splatcl.camera import Camera
-from splatcl.passes import Passes
+from splatcl.passes import BEHIND, Passes
 from splatcl.pipeline import DepthBuffer, ProjectedSplats, TileLists
 from splatcl.render import Renderer, Resident
 from splatcl.settings import RenderSettings
@@ -75,8 +75,9 @@ class FramePasses:
         bands = pipeline.bin(passes, view, self._splats)
         while (lists := timed("bin", next, bands, None)) is not None:
             for layer in passes.layers:
-                chosen = (lists, layer, depth, self._epsilon)
-                projected = timed("project", pipeline.project, passes, view, self._splats, *chosen)
+                if layer == BEHIND:
+                    timed("project", pipeline.hide, passes, lists, depth, self._epsilon)
+                projected = timed("project", pipeline.project, passes, view, self._splats, lists, layer)
                 timed("visibility", pipeline.visibility, passes, lists, projected, depth, layer)
                 if tally:
                     tally.add_discs(lists, projected)
