@@ -16,8 +16,8 @@
 #define CULL 2
 
 // A disc whose depth is sure: not steeper, with tangents not more parallel (squares of the cosine and the sine), and not
-// deeper, as a share of its centre's z. DEPTH_SLACK, of its extent, is ten times what its fragments' depths may then be
-// wrong by; DISTANCE_SLACK, of |c|, for its distance.
+// deeper, as a share of its centre's z. DEPTH_SLACK, of its extent, and DISTANCE_SLACK, of |c|, are far more than its
+// fragments' depths may then be wrong by.
 #define SURE_TILT R(9.765625e-4)
 #define SURE_ANGLE R(3.90625e-3)
 #define SURE_DEEP R(0.25)
@@ -174,7 +174,7 @@ static inline masks quarters_of(reals x, reals y)
 #define NEAR_OF(t) NEAR_BITS(((const bits *)&(t).near_z)[lane])
 #endif
 
-#define FOR_EACH_TILE(l)                                             \
+#define FOR_EACH_TILE(l)                                          \
   for (int y = Y_OF((l).first) / 4; y <= Y_OF((l).last) / 4; ++y) \
     for (int x = X_OF((l).first) / 4; x <= X_OF((l).last) / 4; ++x)
 
@@ -190,7 +190,7 @@ kernel void bin_count(constant View *view, global const real *center, global con
   for (int tile = 0; tile < num_tiles; ++tile) counts[tile] = 0;
 #if LAYERED
   global int *nearest = tile_nearest + (long)chunk * num_tiles;
-  for (int tile = 0; tile < num_tiles; ++tile) nearest[tile] = UNKNOWN;
+  for (int tile = 0; tile < num_tiles; ++tile) nearest[tile] = BEYOND_ALL;
 #endif
   int place = begin;
   for (int i = begin; i < end; i += LANES) {
@@ -232,11 +232,11 @@ kernel void bin_offsets(global int *tile_counts, global const int *tile_nearest,
   }
   totals[tile] = total;
 #if LAYERED
-  int nearest = UNKNOWN;
+  int nearest = BEYOND_ALL;
   for (int chunk = 0; chunk < num_chunks; ++chunk)
     nearest = least(nearest, tile_nearest[(long)chunk * num_tiles + tile]);
   const float z = as_float(nearest);
-  layer_ends[tile] = nearest == UNKNOWN ? UNKNOWN : as_int(ORTHOGRAPHIC ? z + thickness : z + z * thickness);
+  layer_ends[tile] = nearest == BEYOND_ALL ? BEYOND_ALL : as_int(ORTHOGRAPHIC ? z + thickness : z + z * thickness);
 #endif
 }
 

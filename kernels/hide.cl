@@ -3,10 +3,10 @@
 #include "arithmetic.h"
 #include "clue.h"
 
-// The farthest depth that is accepted in each of a tile's four by four parts, and bits that are farther than any.
+// The farthest depth that is accepted in each of a tile's four by four parts, and the bits of the farthest.
 typedef struct {
   real part[16];
-  int beyond;
+  int farthest;
 } hiding;
 
 // For the tile whose first pixel is (left, top), as `depth` is so far.
@@ -30,7 +30,7 @@ static inline hiding hiding_of(global const real *depth, int left, int top, int 
       whole = z + epsilon > whole ? z + epsilon : whole;
     }
   }
-  h.beyond = whole < (real)FLT_MAX ? as_int((float)whole) + 1 : UNKNOWN;
+  h.farthest = as_int((float)whole);
   return h;
 }
 
@@ -53,6 +53,6 @@ kernel void hide(global int *clues, const int first, global const int *tile_begi
   const hiding h = hiding_of(depth, tile % tiles_x * TILE, tile / tiles_x * TILE, width, height, epsilon);
   for (int i = begin; i < end; ++i) {
     const int clue = clues[i];
-    if (NEAR_BITS(clue) && (NEAR_BITS(clue) > h.beyond || !may_show(clue, &h))) clues[i] = HIDDEN;
+    if (NEAR_BITS(clue) && (NEAR_BITS(clue) > h.farthest || !may_show(clue, &h))) clues[i] = HIDDEN;
   }
 }

@@ -327,7 +327,7 @@ kernel void project(constant View *view, global const Splat *splats, global cons
 #if LAYER == FRONT
   for (int i = begin; i < end; ++i) near_z[i] = (real)NAN;
 #endif
-  int chosen[ENTRIES + 1];
+  int chosen[ENTRIES];
   const int num = entries_of_layer(clues + first, begin, end, chosen);
   for (int i = 0; i < least(AHEAD, num); ++i) ASK_FOR(splats + ids[chosen[i]]);
   for (int i = 0; i < num; i += LANES) {

@@ -119,6 +119,11 @@ kernel void visibility(global const ProjectedSplat *records, global const real *
 {
   const region w = region_of(get_global_id(0), first_tile, tiles_x);
   const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
+#if BEHIND_FRONT
+  int first = begin;
+  while (first < end && !(near_z[first] == near_z[first])) ++first;
+  if (first >= end) return;  // nothing to add
+#endif
   front f;
   for (int p = 0; p < REACHED_PIXELS; ++p) f.depth[p] = -(real)INFINITY;  // beside the image nothing is waited for
   for (int p = 0; p < REGION_PIXELS; ++p) f.particleid[p] = NO_SPLAT;

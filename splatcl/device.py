@@ -164,7 +164,7 @@ class DeviceQueue:
     device : str, int, optional
         As for `choose_device`.
     lanes : int, optional
-        Pixels or splats per vector: 8 on a CPU, 1 elsewhere by default.
+        Pixels or splats per vector: 8 on a CPU (1 on rusticl), 1 elsewhere by default.
     mapping : {"tile", "pixel"}, optional
         What a work-item of the raster passes takes: a tile on a CPU, a pixel elsewhere by default.
     allow_inexact : bool
@@ -185,7 +185,9 @@ class DeviceQueue:
         handle = self.info.handle
         self._is_cpu = is_cpu = bool(handle.type & cl.device_type.CPU)
         self.mapping = mapping or ("tile" if is_cpu else "pixel")
-        self.lanes = lanes or (8 if is_cpu and self.mapping == "tile" else 1)
+        # rusticl makes vectors of work-items by itself: with ours it is slower, and compiles for minutes.
+        own_vectors = is_cpu and "rusticl" not in self.info.platform.lower()
+        self.lanes = lanes or (8 if own_vectors and self.mapping == "tile" else 1)
         if self.lanes > 8 and "PoCL 3.0" in self.info.version:
             raise DeviceError(
                 f"{self.info.version} cannot compile {self.lanes}-wide square roots and would abort this process; "

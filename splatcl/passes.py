@@ -42,7 +42,7 @@ class Passes:
         self.tiles_x = -(-camera.width // tile_size)
         self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
         self.num_pixels = camera.width * camera.height
-        # Where what faces away is culled, little is hidden.
+        # Where what faces away is culled, little of one closed surface is hidden.
         self.layers = (EVERY,) if settings.facing == "cull" else (FRONT, BEHIND)
 
     def run(self, kernel: str, size: tuple[int, ...], *args: Any, group: int = 1, **options: str | int) -> None:

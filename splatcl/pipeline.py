@@ -26,7 +26,7 @@ ENTRIES_PER_ITEM = 1024
 MAX_BAND_RECORDS = 384 << 10
 """Records of one band of tiles, 43 MB in single precision: a few launches for each; a single tile may need more."""
 MAX_LIST_ENTRIES = 128 << 20
-"""Entries of the tile lists held together: 512 MiB; a single tile may need more."""
+"""Entries of the tile lists held together: 512 MiB, twice that with clues; a single tile may need more."""
 FRONT_THICKNESS = 2
 """Of a tile's front layer, in widths of the tile."""
 
@@ -97,7 +97,7 @@ def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists
         splats.stride, spread, chunk_size, tiles_x, num_tiles, listed, num_listed, tile_counts, tile_nearest, **options,
     )  # fmt: skip
     totals_buffer, layer_ends = (device.scratch(name, num_tiles * 4) for name in ("tile_totals", "layer_ends"))
-    thickness = np.float32(FRONT_THICKNESS * passes.tile_size / passes.camera.fx)
+    thickness = np.float32(min(FRONT_THICKNESS * passes.tile_size / passes.camera.fx, 1e30))
     passes.run(
         "bin_offsets", (num_tiles,), tile_counts, tile_nearest, num_chunks, num_tiles, thickness, totals_buffer,
         layer_ends, **options,

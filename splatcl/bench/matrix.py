@@ -27,10 +27,10 @@ THREE_LIGHTS = (
     Light("directional", (1.0, 2.0, 3.0), (0.5, 0.4, 0.3)),
     Light("point", (-3.0, 2.0, 1.0), (0.3, 0.4, 0.5)),
 )
-BYTES_PER_SPLAT = 290
-"""Measured with 1.1M shuffled splats and none culled: 105 on the device (planes 36, records 48, lists 12 and 4 an
-entry), the rest is the making of the scene on the host. The bands' 11 MB are none of it; only a single tile's list of
-more than 96k entries adds 112 bytes an entry."""
+BYTES_PER_SPLAT = 300
+"""With none culled 110 on the device (planes 36, records 48, lists 16 and 8 an entry), the rest is the making of the
+scene on the host. The bands' 43 MB are none of it; only a single tile's list of more than 384k entries adds 112 bytes
+an entry."""
 BYTES_PER_PIXEL = 96
 
 
