@@ -41,6 +41,7 @@ def test_only_keeps_what_a_row_is_compared_with():
     chosen = only(table, "Shuffled")
     assert [row.label for row in chosen] == ["cull", "shuffled"]
     assert [row.label for row in only(table, "keep")] == ["keep", "keep"]
+    assert {row.label for row in only(table, "keep, shuffled")} == {"keep", "cull", "shuffled"}
     with pytest.raises(SettingsError, match=r"nothing.*shuffled"):
         only(table, "nothing")
 

@@ -98,18 +98,19 @@ def base_of(row: Row) -> Row:
     return Row(row.num_splats, BASE)
 
 
-def only(matrix: Sequence[Row], word: str) -> list[Row]:
-    """Return the rows whose name contains `word`, and those that they are compared with.
+def only(matrix: Sequence[Row], words: str) -> list[Row]:
+    """Return the rows whose name contains one of `words`, as in "cull,keep", and those that they are compared with.
 
     Raises
     ------
     SettingsError
         There is none.
     """
-    chosen = [row for row in matrix if word.lower() in row.name.lower()]
+    wanted = [word.strip() for word in words.lower().split(",")]
+    chosen = [row for row in matrix if any(word in row.name.lower() for word in wanted)]
     if not chosen:
         labels = ", ".join(dict.fromkeys(row.label for row in matrix))
-        raise SettingsError(f"--only {word!r} fits no configuration; there are {labels}")
+        raise SettingsError(f"--only {words!r} fits no configuration; there are {labels}")
     bases = {base_of(row) for row in chosen if row.factor}
     return [row for row in matrix if row in chosen or row in bases]
 

@@ -1,4 +1,4 @@
-"""Splats a second against the number of splats, a line for each configuration, as a PNG."""
+"""Splats a second, and how the time grows, a line for each configuration, as a PNG."""
 
 from __future__ import annotations
 
@@ -14,6 +14,9 @@ from splatcl.io.atomic import atomic_path, check_writable
 
 PAPER = 22.6e6
 """Splats a second on a GeForce 6800 Ultra ([BHZK05] Table 1)."""
+
+LINEAR = 2e-5
+"""Slope of a line to compare with, ms for each splat and fragment."""
 
 
 def check_plot(path: Path) -> None:
@@ -31,26 +34,36 @@ def check_plot(path: Path) -> None:
     check_writable(path)
 
 
+def _work(result: Result) -> int:
+    return result.row.num_splats + result.fragments.drawn.fragments
+
+
 def save_plot(path: Path, results: Sequence[Result]) -> None:
     """Draw the results and write them to `path`."""
     from matplotlib import colormaps
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    figure = Figure(figsize=(14, 6), layout="constrained")
+    FigureCanvasAgg(figure)
+    rate, growth = figure.subplots(1, 2, subplot_kw={"xscale": "log", "yscale": "log"})
+    rate.set(xlabel="splats", ylabel="splats a second")
+    growth.set(xlabel="splats + accumulated fragments", ylabel="ms a frame")
     lines = defaultdict(list)
     for result in results:
-        lines[result.row.label].append((result.row.num_splats, result.splats_per_second))
-    figure = Figure(figsize=(9, 6), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot(xscale="log", yscale="log", xlabel="splats", ylabel="splats a second")
-    axes.set_prop_cycle(color=[colormaps["tab20"](color) for color in range(20)])
-    for label, points in lines.items():
-        axes.plot(*zip(*points, strict=True), marker="o", label=label)
-    axes.axhline(PAPER, linestyle="--", color="gray", label="GeForce 6800 Ultra [BHZK05]")
+        lines[result.row.label].append(result)
+    for axes in (rate, growth):
+        axes.set_prop_cycle(color=[colormaps["tab20"](color) for color in range(20)])
+        axes.grid(alpha=0.3)
+    for label, row in lines.items():
+        rate.plot([one.row.num_splats for one in row], [one.splats_per_second for one in row], "o-", label=label)
+        growth.plot([_work(one) for one in row], [one.frame.median * 1e3 for one in row], "o-")
+    rate.axhline(PAPER, linestyle="--", color="gray", label="GeForce 6800 Ultra [BHZK05]")
     sizes = sorted({result.row.num_splats for result in results})
-    axes.set_xticks(sizes, list(map(size_name, sizes)))
-    axes.minorticks_off()
-    axes.grid(alpha=0.3)
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    rate.set_xticks(sizes, list(map(size_name, sizes)))
+    rate.minorticks_off()
+    ends = [min(map(_work, results)), max(map(_work, results))]
+    growth.plot(ends, [LINEAR * end for end in ends], "--", color="gray", label=f"{LINEAR * 1e6:g} ns each")
+    figure.legend(loc="outside right center")
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=120)

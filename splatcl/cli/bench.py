@@ -35,11 +35,11 @@ def bench(
     output : path
         JSON file for every sample and what it was taken on.
     plot : path
-        PNG file: splats a second against the number of splats.
+        PNG file: splats a second by number of splats, and how the time grows.
     sizes : str
         Numbers of splats, such as 137k,1.1M [default: those of the paper's Table 1, to 14M].
     only : str
-        A word of the configurations to measure, such as shuffled, 1920x1080 or scan.
+        Words of the configurations to measure, such as shuffled, 1920x1080 or keep,scan.
     frames : int
         Samples of each configuration; slow ones get fewer.
     quick : bool
