@@ -46,8 +46,8 @@ def assert_layers_do_not_show(device, splats, camera, settings, tile_size):
 def test_layers_do_not_change_the_sums(device, monkeypatch, scene_name, camera_name, thickness, precision):
     monkeypatch.setattr(pipeline, "FRONT_THICKNESS", thickness)
     settings = RenderSettings(epsilon=EPSILON, precision=precision)
-    for tile_size in TILES:
-        assert_layers_do_not_show(device, scene(scene_name), CAMERAS[camera_name], settings, tile_size)
+    tile_size = TILES[VIEWS.index((scene_name, camera_name)) % len(TILES)]
+    assert_layers_do_not_show(device, scene(scene_name), CAMERAS[camera_name], settings, tile_size)
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
