@@ -174,9 +174,9 @@ static inline masks quarters_of(reals x, reals y)
 #define NEAR_OF(t) NEAR_BITS(((const bits *)&(t).near_z)[lane])
 #endif
 
-#define FOR_EACH_TILE(l)                                          \
-  for (int y = Y_OF((l).first) / 4; y <= Y_OF((l).last) / 4; ++y) \
-    for (int x = X_OF((l).first) / 4; x <= X_OF((l).last) / 4; ++x)
+#define FOR_EACH_TILE(l) /* four quarters a side */                 \
+  for (int y = Y_OF((l).first) >> 2; y <= Y_OF((l).last) >> 2; ++y) \
+    for (int x = X_OF((l).first) >> 2; x <= X_OF((l).last) >> 2; ++x)
 
 // List each chunk's splats that may touch the image, with the pixels; for each tile count them and find the nearest.
 kernel void bin_count(constant View *view, global const real *center, global const real *tangent_u,
@@ -243,7 +243,7 @@ kernel void bin_offsets(global int *tile_counts, global const int *tile_nearest,
 // The quarters of a tile's side that lie in [first, last], two bits each.
 static inline int clue_of(int tile, int first, int last)
 {
-  return (first / 4 == tile ? first & 3 : 0) | (last / 4 == tile ? last & 3 : 3) << 2;
+  return (first >> 2 == tile ? first & 3 : 0) | (last >> 2 == tile ? last & 3 : 3) << 2;
 }
 
 // Write the lists of the tiles [first_tile, last_tile).

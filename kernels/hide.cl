@@ -18,7 +18,7 @@ static inline hiding hiding_of(global const real *depth, int left, int top, int 
     real column[TILE];
     for (int x = 0; x < TILE; ++x) column[x] = -(real)INFINITY;
     const int first = top + (row << QUARTER_SHIFT), across = least(TILE, width - left);
-    for (int y = first; y < least(first + TILE / 4, height); ++y)
+    for (int y = first; y < least(first + (1 << QUARTER_SHIFT), height); ++y)
       for (int x = 0; x < across; ++x) {
         const real z = depth[(long)y * width + left + x];
         column[x] = z > column[x] ? z : column[x];
