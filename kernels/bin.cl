@@ -6,6 +6,7 @@
 
 #include "arithmetic.h"
 #include "eye.h"
+#include "lanes.h"
 #include "clue.h"
 
 #define FACING_SLACK R(1.52587890625e-5)  // of |t_u||t_v||c|: ten times what can be wrong with the sign of g.c
@@ -157,8 +158,6 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   return t;
 }
 
-#define LANE(values) ((const bits *)&(values))[lane]
-
 // Column and row, in quarters of tiles' sides (clue.h), of pixels; 16 bits each, as TouchedQuarters has them.
 static inline masks quarters_of(reals x, reals y)
 {
@@ -168,17 +167,11 @@ static inline masks quarters_of(reals x, reals y)
 #define X_OF(pair) ((pair) & 0xffff)
 #define Y_OF(pair) ((pair) >> 16)
 
-#if DOUBLE
-#define NEAR_OF(t) NEAR_BITS(as_int((float)((const real *)&(t).near_z)[lane]))
-#else
-#define NEAR_OF(t) NEAR_BITS(((const bits *)&(t).near_z)[lane])
-#endif
-
 #define FOR_EACH_TILE(l) /* four quarters a side */                 \
   for (int y = Y_OF((l).first) >> 2; y <= Y_OF((l).last) >> 2; ++y) \
     for (int x = X_OF((l).first) >> 2; x <= X_OF((l).last) >> 2; ++x)
 
-// List each chunk's splats that may touch the image, with the pixels; for each tile count them and find the nearest.
+// List each chunk's splats that may touch the image, with the quarters; for each tile count them and find the nearest.
 kernel void bin_count(constant View *view, global const real *center, global const real *tangent_u,
                       global const real *tangent_v, const int num_splats, const int stride, const int spread,
                       const int chunk_size, const int tiles_x, const int num_tiles, global TouchedQuarters *lists,
@@ -201,8 +194,9 @@ kernel void bin_count(constant View *view, global const real *center, global con
     const masks first = quarters_of(t.x.first, t.y.first), last = quarters_of(t.x.last, t.y.last);
     const int listed = place;
     for (int lane = 0; lane < least(LANES, end - i); ++lane) {
-      lists[place] = (TouchedQuarters){i + lane, LANE(first), LANE(last), NEAR_OF(t)};
-      place -= LANE(alive);
+      const int near_z = NEAR_BITS(as_int((float)LANE_OF(t.near_z, lane)));
+      lists[place] = (TouchedQuarters){i + lane, WHOLE_OF(first, lane), WHOLE_OF(last, lane), near_z};
+      place -= WHOLE_OF(alive, lane);
     }
     for (int k = listed; k < place; ++k) {
       const TouchedQuarters l = lists[k];

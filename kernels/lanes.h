@@ -30,6 +30,7 @@
 #define BLOCK_Y (LANES / BLOCK_X)
 
 #define LANE_OF(values, lane) (((const real *)&(values))[lane])
+#define WHOLE_OF(values, lane) ((int)((const bits *)&(values))[lane])
 
 // Pixels of LANES boxes, ends included; none where x_first > x_last or y_first > y_last.
 typedef struct {

@@ -9,6 +9,7 @@
 #include "lanes.h"
 #include "transpose.h"
 #include "projected.h"
+#include "bounds.h"
 #include "clue.h"
 
 #define EVERY 0
@@ -24,37 +25,10 @@
 #define TILTED R(0.03125)             // |cos(tilt)| below which a splat's coefficients need twice the precision
 #define DEEP R(0.25)                 // a disc that reaches deeper than this share of its centre's z
 #define CLEAR R(1e-4)                // a disc whose least z is below this share of its centre's has no finite bounds
-#define NOWHERE R(1e9)               // a pre-filter centre that no pixel is near
 
 #define KEEP 0
 #define FLIP 1
 #define CULL 2
-
-// How far the disc reaches from its projected centre along one image axis, in pixels: [middle - reach, middle + reach].
-// The tangents to the projected conic, relative to the centre so that nothing cancels.
-typedef struct {
-  reals middle, reach;
-} extent;
-
-static inline extent perspective_extent(reals slope, reals u, reals v, reals uz, reals vz, reals w, real focal)
-{
-  reals pu = u - slope * uz, pv = v - slope * vz;
-  reals pt = pu * uz + pv * vz;
-  reals inverse = divide(focal, w);
-  extent e = {-pt * inverse, square_root(pt * pt + (pu * pu + pv * pv) * w) * inverse};
-  return e;
-}
-
-// The same for a disc that comes too near the eye plane for that: its box in eye space, cut at near.
-static inline extent near_extent(reals center, reals reach, reals z_low, reals z_high, reals origin, real focal)
-{
-  reals low = center - reach, high = center + reach;
-  low = divide(low, SELECT(z_low, z_high, MASK(low > R(0.0)))) * focal;
-  high = divide(high, SELECT(z_high, z_low, MASK(high > R(0.0)))) * focal;
-  reals slack = (magnitude(low) + magnitude(high)) * R(1e-5);
-  extent e = {(low + high) * R(0.5) - origin, (high - low) * R(0.5) + slack};
-  return e;
-}
 
 static inline reals3 oriented_normal(constant View *view, reals3 g, reals3 center, reals *facing_dot)
 {
@@ -119,57 +93,6 @@ static inline void reference(twofloat point, twofloat z, twofloat focal, twofloa
   twofloat raster = two_add(two_multiply(focal, image), principal);  // principal is given from pixel 0's centre
   *pixel = round_even(raster.hi);
   *offset = (raster.hi - *pixel) + raster.lo;
-}
-
-// Bounds relative to the reference point, pixels; low > high where there is nothing.
-typedef struct {
-  reals x_low, x_high, y_low, y_high;
-} bounds;
-
-static inline bounds bounds_of(extent x, extent y, reals slack, masks visible)
-{
-  bounds b = {
-      SELECT(NOWHERE, x.middle - x.reach - slack, visible), SELECT(-NOWHERE, x.middle + x.reach + slack, visible),
-      SELECT(NOWHERE, y.middle - y.reach - slack, visible), SELECT(-NOWHERE, y.middle + y.reach + slack, visible)};
-  return b;
-}
-
-static inline bounds around_both(bounds a, bounds b)
-{
-  bounds c = {at_most(a.x_low, b.x_low), at_least(a.x_high, b.x_high), at_most(a.y_low, b.y_low),
-              at_least(a.y_high, b.y_high)};
-  return c;
-}
-
-// The image's pixels whose centres lie within bounds.
-static inline boxes pixels_of(constant View *view, const projected *s, const bounds *b)
-{
-  // A reference point far outside the image rounds coarsely.
-  const reals coarse_x = magnitude(s->pixel_x) * R(2.4e-7), coarse_y = magnitude(s->pixel_y) * R(2.4e-7);
-  const reals right = (reals)(real)view->width, bottom = (reals)(real)view->height;
-  boxes p = {round_up(at_most(at_least(s->pixel_x + (s->offset_x + b->x_low - coarse_x), R(0.0)), right)),
-             round_down(at_least(at_most(s->pixel_x + (s->offset_x + b->x_high + coarse_x), right - R(1.0)), R(-1.0))),
-             round_up(at_most(at_least(s->pixel_y + (s->offset_y + b->y_low - coarse_y), R(0.0)), bottom)),
-             round_down(at_least(at_most(s->pixel_y + (s->offset_y + b->y_high + coarse_y), bottom - R(1.0)), R(-1.0)))};
-  // A reference point that is no number is near every pixel, but bounds may say that there is nothing.
-  const masks none = MASK(b->x_low > b->x_high) | MASK(p.x_first > p.x_last) | MASK(p.y_first > p.y_last);
-  p.x_first = SELECT(p.x_first, R(1.0), none);
-  p.x_last = SELECT(p.x_last, R(0.0), none);
-  return p;
-}
-
-// The least depth that hit_depth (splat.h) has at the pixels of `drawn`. Each of its roundings keeps order, and so it is
-// at a corner, to the bit: no slack could be sure where tangents are nearly parallel.
-static inline reals least_depth(const projected *s)
-{
-  const reals left = (s->drawn.x_first - s->pixel_x) - s->offset_x, right = (s->drawn.x_last - s->pixel_x) - s->offset_x;
-  const reals top = (s->drawn.y_first - s->pixel_y) - s->offset_y, bottom = (s->drawn.y_last - s->pixel_y) - s->offset_y;
-#if ORTHOGRAPHIC
-  return (at_most(s->g_x * left, s->g_x * right) + at_most(s->g_y * top, s->g_y * bottom)) + s->z;
-#else
-  const reals den = (at_least(s->g_x * left, s->g_x * right) + at_least(s->g_y * top, s->g_y * bottom)) + R(1.0);
-  return divide(R(1.0), den) * s->z;
-#endif
 }
 
 static inline projected project_splats(constant View *view, reals3 world, reals3 world_low, reals3 tu_world,

@@ -30,8 +30,6 @@ typedef struct {
   global real *disc_near_z, *near_z;
 } outputs;
 
-#define WORD(values) ((uint)((const bits *)&(values))[lane])
-
 // Write the records of `num` entries.
 static inline void store_records(const outputs *to, const int *entry, int num, const projected *s, reals3 color)
 {
@@ -50,8 +48,8 @@ static inline void store_records(const outputs *to, const int *entry, int num, c
   const masks no_disc = MASK(s->disc.x_first > s->disc.x_last), nothing = MASK(s->drawn.x_first > s->drawn.x_last);
   const reals disc_near_z = SELECT(s->near_z, (real)NAN, no_disc), near_z = SELECT(s->near_z, (real)NAN, nothing);
   for (int lane = 0; lane < num; ++lane) {
-    to->boxes[entry[lane]] = (uint2)(WORD(drawn.low), WORD(drawn.high));
-    to->disc_near_z[entry[lane]] = ((const real *)&disc_near_z)[lane];
-    to->near_z[entry[lane]] = ((const real *)&near_z)[lane];
+    to->boxes[entry[lane]] = (uint2)(WHOLE_OF(drawn.low, lane), WHOLE_OF(drawn.high, lane));
+    to->disc_near_z[entry[lane]] = LANE_OF(disc_near_z, lane);
+    to->near_z[entry[lane]] = LANE_OF(near_z, lane);
   }
 }

@@ -50,7 +50,7 @@ kernel void shade(constant View *view, constant Shading *shading, constant Phong
     color[4 * p[lane]] = LANE_OF(rgb.x, lane);
     color[4 * p[lane] + 1] = LANE_OF(rgb.y, lane);
     color[4 * p[lane] + 2] = LANE_OF(rgb.z, lane);
-    color[4 * p[lane] + 3] = ((const bits *)&s.covered)[lane] ? R(1.0) : R(0.0);
+    color[4 * p[lane] + 3] = WHOLE_OF(s.covered, lane) ? R(1.0) : R(0.0);
   }
 }
 

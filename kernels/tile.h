@@ -77,8 +77,6 @@ static inline void block_offsets(int *offset)
   for (int lane = 0; lane < LANES; ++lane) offset[lane] = lane / BLOCK_X * REGION + lane % BLOCK_X;
 }
 
-#define WHOLE_OF(values, lane) ((int)((const bits *)&(values))[lane])
-
 static inline int all_small(const boxes *b)
 {
   return LANES > 1 && !ANY(MASK(b->x_last - b->x_first >= (real)SMALL) | MASK(b->y_last - b->y_first >= (real)SMALL));
