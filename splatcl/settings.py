@@ -7,19 +7,37 @@ from dataclasses import dataclass, fields
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from splatcl.errors import SettingsError
-from splatcl.lights import Light, Material
+from splatcl.lights import Light, Material, Npr
 
+Method = Literal["botsch05", "zwicker04", "zwicker01", "botsch04", "botsch03"]
+Footprint = Literal["raycast", "affine", "conic"]
+Normals = Literal["constant", "field"]
+Shading = Literal["deferred", "fragment", "splat"]
 Along = Literal["z", "ray"]
-Prefilter = Literal["min", "none"]
+Prefilter = Literal["min", "none", "ewa"]
 PrefilterCenter = Literal["projected", "bounds"]
 Kernel = Literal["gaussian", "constant", "table"]
 KernelLookup = Literal["nearest", "linear"]
 Facing = Literal["keep", "flip", "cull"]
-Shader = Literal["phong", "albedo", "normal"]
+Shader = Literal["phong", "lightmap", "npr", "albedo", "normal", "depth", "user"]
 Precision = Literal["single", "double"]
+Target = Literal["auto", "float32", "float64", "float16", "unorm8"]
+
+METHODS: dict[Method, dict[str, Any]] = {
+    "botsch05": {},
+    "zwicker04": {"footprint": "conic", "prefilter": "ewa"},
+    "zwicker01": {"footprint": "affine", "prefilter": "ewa"},
+    "botsch04": {"prefilter": "none", "normals": "field", "shading": "fragment"},
+    "botsch03": {"footprint": "affine", "circular": True, "prefilter": "none", "shading": "splat"},
+}
+"""What each paper's system chooses where it differs from the default, [BHZK05]."""
+DEFAULTS = {"footprint": "raycast", "circular": False, "prefilter": "min", "normals": "constant", "shading": "deferred"}
+POINTWISE = ("phong", "albedo", "normal")
+"""Shaders that need nothing but the place itself, and so may be asked of every fragment or splat."""
 
 MAX_CUTOFF = 8.0
 MAX_TABLE = 4096
+MAX_SUPERSAMPLING = 64
 
 
 @dataclass(frozen=True)
@@ -28,14 +46,28 @@ class RenderSettings:
 
     Parameters
     ----------
+    method : {"botsch05", "zwicker04", "zwicker01", "botsch04", "botsch03"}
+        The paper's system whose choices of `footprint`, `circular`, `prefilter`, `normals` and `shading` are
+        taken where those are not given (docs/methods.md). It is applied when the settings are made:
+        ``dataclasses.replace(settings, method=...)`` does not change them again.
+    footprint : {"raycast", "affine", "conic"}
+        What of the screen a disc covers: the pixels whose rays hit it ([BHZK05]), the ellipse of the projection's
+        affine map exact at the centre ([ZPvBG01]), or the ellipse of its projected contour ([ZRB04]).
+    circular : bool
+        Every disc is taken as the circle about it, as large as its longer axis ([BK03]).
+    normals : {"constant", "field"}
+        One normal for each splat, or a linear field of them (`Splats.normal_du`; [BSK04]).
+    shading : {"deferred", "fragment", "splat"}
+        Light each pixel once, each fragment before it is blended ([BSK04]), or each splat ([BK03]).
     epsilon : float or "auto"
         Depth tolerance of the visibility test, scene units, >= 0; "auto" is the median of max(|t_u|, |t_v|).
     along : {"z", "ray"}
         Epsilon is measured along eye z, or along the viewing ray ([ZRB04]).
-    prefilter : {"min", "none"}
-        r^2 = min(r3^2, r2^2) ([BHZK05] section 4), or r3^2 alone.
+    prefilter : {"min", "none", "ewa"}
+        r^2 = min(r3^2, r2^2) ([BHZK05] section 4), r3^2 alone, or the Gaussian convolved with a low-pass one, for
+        footprints that are ellipses ([ZPvBG01], [ZRB04]).
     prefilter_radius : float
-        Pixels; at 1, splats are at least 2x2 pixels.
+        Pixels; at 1, splats are at least 2x2 pixels. Under "ewa" the low-pass filter's standard deviation.
     prefilter_center : {"projected", "bounds"}
         r2 is measured from the projected centre (the paper) or from the centre of the projected bounds.
     cutoff : float
@@ -49,11 +81,26 @@ class RenderSettings:
     facing : {"keep", "flip", "cull"}
         Normals as given, turned toward the eye, or back faces dropped before the visibility pass. Normals
         without a sign (`Splats.oriented` is False) are turned toward the eye whatever this says.
-    shader : {"phong", "albedo", "normal"}
+    shader : {"phong", "lightmap", "npr", "albedo", "normal", "depth", "user"}
+        docs/shaders.md shows each.
+    user_shader : str
+        OpenCL C of ``shader="user"``: a function ``float4 shade(Surface s, Scene scene)``.
+    user_shader_name : str
+        What compile errors call it.
     lights : tuple of Light
     material : Material
+    npr : Npr
+    time : float
+        Seconds, for a user's shader.
     precision : {"single", "double"}
-        Arithmetic and sums in float32 or float64.
+        Arithmetic in float32 or float64.
+    target : {"auto", "float32", "float64", "float16", "unorm8"}
+        What weights, colours, normals and attributes are rounded to after every product and sum ([BHZK05] figure 2);
+        "auto" is the precision's own.
+    half_inputs : bool
+        Centres and normals are rounded to 16 bits before anything else ([BHZK05] section 6).
+    supersampling : int
+        n: render n x n as many pixels and average them.
 
     Raises
     ------
@@ -63,7 +110,7 @@ class RenderSettings:
 
     epsilon: float | Literal["auto"] = "auto"
     along: Along = "z"
-    prefilter: Prefilter = "min"
+    prefilter: Prefilter = None  # type: ignore[assignment] # as are those below, the method's where not given
     prefilter_radius: float = 1.0
     prefilter_center: PrefilterCenter = "projected"
     cutoff: float = 2.0
@@ -75,8 +122,23 @@ class RenderSettings:
     lights: tuple[Light, ...] = (Light(),)
     material: Material = Material()  # noqa: RUF009 - frozen
     precision: Precision = "single"
+    method: Method = "botsch05"
+    footprint: Footprint = None  # type: ignore[assignment]
+    circular: bool = None  # type: ignore[assignment]
+    normals: Normals = None  # type: ignore[assignment]
+    shading: Shading = None  # type: ignore[assignment]
+    target: Target = "auto"
+    half_inputs: bool = False
+    supersampling: int = 1
+    npr: Npr = Npr()  # noqa: RUF009 - frozen
+    user_shader: str = ""
+    user_shader_name: str = "shader.cl"
+    time: float = 0.0
 
     def __post_init__(self) -> None:
+        for name, default in (DEFAULTS | METHODS.get(self.method, {})).items():
+            if getattr(self, name) is None:
+                self._set(name, default)
         _check_choices(self)
         self._set("lights", _tuple_of("lights", self.lights, Light))
         self._set("kernel_table", _tuple_of("kernel_table", self.kernel_table, object))
@@ -102,6 +164,42 @@ class RenderSettings:
                     raise SettingsError(f"a light's {name} {values!r} is not three numbers")
             if light.kind == "directional" and not any(light.vector):
                 raise SettingsError("a directional light needs a vector that points toward it")
+        self._check_further()
+        self._refuse()
+
+    def _check_further(self) -> None:
+        """Check what has come with other methods than [BHZK05]'s."""
+        if not isinstance(self.npr, Npr):
+            raise SettingsError(f"npr {self.npr!r} is not an Npr")
+        self._set("time", _number("time", self.time, -1e9, 1e9))
+        n = _number("supersampling", self.supersampling, 1, MAX_SUPERSAMPLING)
+        if n != int(n):
+            raise SettingsError(f"supersampling {n} is not a whole number")
+        self._set("supersampling", int(n))
+        for name in ("circular", "half_inputs"):
+            if not isinstance(getattr(self, name), bool):
+                raise SettingsError(f"{name} {getattr(self, name)!r} is neither True nor False")
+        for name in ("user_shader", "user_shader_name"):
+            if not isinstance(getattr(self, name), str):
+                raise SettingsError(f"{name} {getattr(self, name)!r} is not a text")
+
+    def _refuse(self) -> None:
+        """Refuse what has no meaning together."""
+        if self.prefilter == "ewa":
+            if self.footprint == "raycast":
+                raise SettingsError("prefilter='ewa' convolves ellipses: choose footprint='affine' or 'conic'")
+            if self.kernel != "gaussian" or not self.cutoff:
+                raise SettingsError(
+                    "prefilter='ewa' convolves Gaussians: choose kernel='gaussian' and a cutoff above 0"
+                )
+        if self.shading != "deferred" and self.shader not in POINTWISE:
+            raise SettingsError(f"shader={self.shader!r} looks at whole pixels: choose shading='deferred'")
+        if self.shading == "splat" and self.normals == "field":
+            raise SettingsError("normals='field' has no effect where shading='splat' takes each splat's centre alone")
+        if self.target == "float64" and self.precision == "single":
+            raise SettingsError("target='float64' needs precision='double'")
+        if (self.shader == "user") != bool(self.user_shader):
+            raise SettingsError("shader='user' and user_shader go together: give both or neither")
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, field, replace
+from types import MappingProxyType
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +21,10 @@ MIN_AREA = 1e-15
 """Smallest |t_u x t_v| of a usable splat, in square scene units: below it the normal is lost in float32."""
 MAX_MAGNITUDE = 1e15
 """Largest usable coordinate: its square must stay finite in float32."""
+OPTIONAL = {"normal_du": (3,), "normal_dv": (3,), "clip": (2, 3)}
+"""Arrays that splats may have or not, with the shape of a row."""
+PREFIX = "attribute."
+"""Before the names of attributes, where these are among others."""
 BLOCK = 16384
 """Splats that are validated at a time, so that what is computed for them stays in the cache."""
 
@@ -35,6 +42,15 @@ class Splats:
         The normal is normalize(t_u x t_v) ([BHZK05] eq. 1).
     color : (N, 3) float array, optional
         Linear RGB; a mid grey where omitted.
+    normal_du, normal_dv : (N, 3) float array, optional
+        A linear normal field, world space: the normal at (u, v) of the disc is
+        normalize(n + u n_du + v n_dv) ([BSK04]). Both or neither; n is the disc's own normal.
+    clip : (N, 2, 3) float array, optional
+        Up to two clip lines a u + b v + c >= 0 as rows (a, b, c): what is on the other side is cut off, of the
+        disc and of its pre-filter ([ZRB04] section 4). A row of zeros cuts nothing.
+    attributes : mapping of str to (N,) float array
+        Further channels that are blended like the colour, by name; each becomes the AOV ``attribute.NAME``.
+        ``specular`` and ``shininess`` take the place of the material's.
     oriented : bool
         False where the normals' signs mean nothing (they were estimated from bare points): they are then
         turned toward the viewer when rendered.
@@ -60,16 +76,24 @@ class Splats:
     num_dropped: int = 0
     notes: tuple[str, ...] = ()
     on_invalid: InitVar[OnInvalid] = "error"
+    normal_du: NDArray[Any] | None = None
+    normal_dv: NDArray[Any] | None = None
+    clip: NDArray[Any] | None = None
+    attributes: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def __post_init__(self, on_invalid: OnInvalid) -> None:
-        arrays = {name: _triples(name, getattr(self, name)) for name in ("center", "tangent_u", "tangent_v")}
+        arrays = {name: _rows(name, getattr(self, name), 3) for name in ("center", "tangent_u", "tangent_v")}
         num = len(arrays["center"])
         color = np.full((num, 3), DEFAULT_COLOR, np.float32) if self.color is None else self.color
-        arrays["color"] = _triples("color", color)
-        for name, array in arrays.items():
+        arrays["color"] = _rows("color", color, 3)
+        further = self._further()
+        for name, array in (arrays | further).items():
             if len(array) != num:
                 raise InvalidSplatsError(f"{name} has {len(array)} rows but center has {num}")
         reason = invalid_splats(**arrays)
+        for array in further.values():
+            reason = np.where(reason == 0, _unusable(array), reason)
+        arrays |= further
         num_invalid = np.count_nonzero(reason)
         if num_invalid and on_invalid == "error":
             raise InvalidSplatsError(describe_invalid(reason) + "; drop them with on_invalid='drop'")
@@ -79,7 +103,24 @@ class Splats:
             object.__setattr__(self, "num_dropped", self.num_dropped + int(num_invalid))
         for name, array in arrays.items():
             array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            if name not in further or name in OPTIONAL:
+                object.__setattr__(self, name, array)
+        named = {name: arrays[PREFIX + name] for name in self.attributes}
+        object.__setattr__(self, "attributes", MappingProxyType(named))
+
+    def _further(self) -> dict[str, NDArray[Any]]:
+        """Return the optional arrays that there are, checked but for their lengths."""
+        if (self.normal_du is None) != (self.normal_dv is None):
+            raise InvalidSplatsError("normal_du and normal_dv go together: give both or neither")
+        given = {name: (getattr(self, name), size) for name, size in OPTIONAL.items()}
+        for name in self.attributes:
+            if not isinstance(name, str) or not re.fullmatch(r"[a-z_][a-z0-9_]{0,63}", name):
+                raise InvalidSplatsError(f"attribute {name!r} is not named by small letters, digits and _")
+            given[PREFIX + name] = (self.attributes[name], ())
+        return {name: _rows(name, value, *size) for name, (value, size) in given.items() if value is not None}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "attributes": dict(self.attributes)}
 
     def __len__(self) -> int:
         return len(self.center)
@@ -128,8 +169,10 @@ class Splats:
         key: Any = ids if isinstance(ids, slice) else np.asarray(ids)
         if not isinstance(key, slice) and not key.size:
             key = key.astype(np.intp)
-        fields = ("center", "tangent_u", "tangent_v", "color")
-        return replace(self, **{name: getattr(self, name)[key] for name in fields}, on_invalid="error")
+        fields = ("center", "tangent_u", "tangent_v", "color", *OPTIONAL)
+        taken = {name: getattr(self, name)[key] for name in fields if getattr(self, name) is not None}
+        named = {name: values[key] for name, values in self.attributes.items()}
+        return replace(self, **taken, attributes=named, on_invalid="error")
 
 
 REASONS = ("", "a non-finite number", "a number beyond 1e15", "an area |t_u x t_v| below 1e-15")
@@ -170,14 +213,24 @@ def describe_invalid(reason: NDArray[np.uint8]) -> str:
     return f"{np.count_nonzero(reason)} of {len(reason)} splats ({', '.join(parts)}; the first is splat {first})"
 
 
-def _triples(name: str, value: ArrayLike) -> NDArray[Any]:
+def _unusable(array: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return (N,) the index in `REASONS` of what is wrong with the rows of an optional array, 0 for nothing."""
+    rows = array.reshape(len(array), -1)
+    with np.errstate(invalid="ignore"):
+        finite, small = np.isfinite(rows).all(axis=1), (np.abs(rows) <= MAX_MAGNITUDE).all(axis=1)
+    return np.select([~finite, ~small], [1, 2], 0).astype(np.uint8)
+
+
+def _rows(name: str, value: ArrayLike, *size: int) -> NDArray[Any]:
+    """Return `value` as floats of shape (N, *size)."""
     try:
         array = np.asarray(value)
         if array.dtype not in (np.float32, np.float64):
             array = array.astype(np.float64)
     except (TypeError, ValueError) as error:
         raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None
-    if array.ndim != 2 or array.shape[1] != 3:
-        raise InvalidSplatsError(f"{name} has shape {array.shape}; it must be (N, 3)")
+    if array.ndim != 1 + len(size) or array.shape[1:] != size:
+        wanted = ", ".join(["N", *map(str, size)]) + "," * (not size)
+        raise InvalidSplatsError(f"{name} has shape {array.shape}; it must be ({wanted})")
     # A private, native-order, contiguous copy: the caller's later writes must not change the splats.
     return np.array(array, dtype=array.dtype.newbyteorder("="), order="C", copy=True)

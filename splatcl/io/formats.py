@@ -13,7 +13,7 @@ import numpy as np
 
 from splatcl.errors import FileError, InvalidSplatsError, SettingsError
 from splatcl.io.model import Model
-from splatcl.splats import OnInvalid, Splats
+from splatcl.splats import OPTIONAL, PREFIX, OnInvalid, Splats
 
 READERS = {
     ".ply": "ply.read_ply", ".npz": "native.read_npz", ".raw": "raw.read_raw",
@@ -86,6 +86,8 @@ def _kind(path: Path, head: bytes) -> str:
 
 def _splats(model: Model, on_invalid: OnInvalid) -> Splats:
     if model.tangents is not None:
+        optional = {name: array for name, array in model.further.items() if name in OPTIONAL}
+        named = {n.removeprefix(PREFIX): array for n, array in model.further.items() if n.startswith(PREFIX)}
         return Splats(
             model.points,
             *model.tangents,
@@ -94,6 +96,8 @@ def _splats(model: Model, on_invalid: OnInvalid) -> Splats:
             num_dropped=model.num_dropped,
             notes=model.notes,
             on_invalid=on_invalid,
+            **optional,
+            attributes=named,
         )
     if model.faces is not None and len(model.faces):
         from splatcl.meshes import splats_from_mesh

@@ -7,7 +7,7 @@ import importlib
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +36,8 @@ class Model:
         Disc radii, scene units.
     tangents : pair of (N, 3) float arrays, optional
         Tangent axes where the file holds whole splats.
+    further : dict of str to array
+        The optional arrays of whole splats by the names that `Splats` takes, attributes as ``attribute.NAME``.
     faces : (F, 3) int64 array, optional
         Triangles, counter-clockwise seen from outside.
     face_color : (F, 3) float array, optional
@@ -60,6 +62,7 @@ class Model:
     oriented: bool = True
     num_dropped: int = 0
     notes: tuple[str, ...] = ()
+    further: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.normals is not None and len(self.normals) and not self.normals.any():

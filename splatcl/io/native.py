@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from splatcl.errors import FileError
 from splatcl.io.atomic import atomic_path
 from splatcl.io.model import Model, foreign_errors
-from splatcl.splats import Splats
+from splatcl.splats import OPTIONAL, PREFIX, Splats
 
 GROUPS = {
     "center": ("x", "y", "z"),
@@ -21,7 +21,14 @@ GROUPS = {
     "tangent_v": ("tv_x", "tv_y", "tv_z"),
     "color": ("red", "green", "blue"),
 }
+FURTHER = {
+    "normal_du": ("ndu_x", "ndu_y", "ndu_z"),
+    "normal_dv": ("ndv_x", "ndv_y", "ndv_z"),
+    "clip": tuple(f"clip{line}_{term}" for line in (0, 1) for term in "uv1"),
+}
+"""Properties of the optional arrays; an attribute's is attribute_NAME."""
 COLUMNS = frozenset(name for names in GROUPS.values() for name in names)
+COLUMN = "attribute_"
 COMMENT = "splatcl"
 """Begins the header comment; a JSON object of what is not in the arrays follows."""
 
@@ -52,6 +59,15 @@ def write(splats: Splats, path: str | os.PathLike[str]) -> None:
 def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], comments: list[str]) -> Model:
     """Return the splats of a PLY's columns; without our comment they are taken as oriented."""
     arrays = {group: np.stack([columns[n] for n in names], axis=1) for group, names in GROUPS.items()}
+    for group, names in FURTHER.items():
+        given = [name for name in names if name in columns]
+        if given and len(given) < len(names):
+            lacking = next(name for name in names if name not in columns)
+            raise FileError(f"{path}: has property {given[0]} but no {lacking}; {group} needs {' '.join(names)}")
+        if given:
+            array = np.stack([columns[name] for name in names], axis=1)
+            arrays[group] = array.reshape(-1, *OPTIONAL[group])
+    arrays |= {PREFIX + n.removeprefix(COLUMN): c for n, c in columns.items() if n.startswith(COLUMN)}
     words = [comment.partition(" ") for comment in comments]
     text = next((rest for first, _, rest in words if first == COMMENT and rest.startswith("{")), "{}")
     return _model(path, f"{kind[:-1]}, splatcl)", arrays, text)
@@ -70,11 +86,13 @@ def read_npz(path: Path) -> Model:
         if missing:
             have = " ".join(", ".join(archive).split())
             raise FileError(f"{path}: has no array {missing[0]}; it needs {', '.join(GROUPS)} (and has {have})")
-        arrays = {name: archive[name] for name in GROUPS}
+        arrays = {n: archive[n] for n in archive if n in GROUPS or n in OPTIONAL or n.startswith(PREFIX)}
         text = str(archive["splatcl"]) if "splatcl" in archive else "{}"
     for name, array in arrays.items():
-        if array.dtype.kind not in "fiu" or array.ndim != 2 or array.shape[1] != 3:
-            raise FileError(f"{path}: array {name} is {array.dtype} of shape {array.shape}; it must be floats, (N, 3)")
+        size = () if name.startswith(PREFIX) else OPTIONAL.get(name, (3,))
+        if array.dtype.kind not in "fiu" or array.ndim != 1 + len(size) or array.shape[1:] != size:
+            shape = f"(N{''.join(f', {n}' for n in size)})"
+            raise FileError(f"{path}: array {name} is {array.dtype} of shape {array.shape}; it must be floats, {shape}")
         if len(array) != len(arrays["center"]):
             raise FileError(f"{path}: array {name} has {len(array)} rows but center has {len(arrays['center'])}")
     return _model(path, "NPZ (splatcl)", arrays, text)
@@ -96,7 +114,14 @@ def _model(path: Path, kind: str, arrays: dict[str, NDArray[Any]], text: str) ->
         oriented=oriented,
         num_dropped=num_dropped,
         notes=notes,
+        further={name: array for name, array in arrays.items() if name not in GROUPS},
     )
+
+
+def _further(splats: Splats) -> dict[str, NDArray[Any]]:
+    """Return the optional arrays that there are, attributes as ``attribute.NAME``."""
+    present = {name: getattr(splats, name) for name in OPTIONAL if getattr(splats, name) is not None}
+    return present | {PREFIX + name: values for name, values in splats.attributes.items()}
 
 
 def _extra(splats: Splats) -> str:
@@ -107,15 +132,17 @@ def _extra(splats: Splats) -> str:
 def _write_ply(splats: Splats, stream: Any) -> None:
     from plyfile import PlyData, PlyElement
 
-    dtype = [(name, getattr(splats, group).dtype) for group, names in GROUPS.items() for name in names]
-    rows = np.empty(len(splats), dtype)
-    for group, names in GROUPS.items():
-        for axis, name in enumerate(names):
-            rows[name] = getattr(splats, group)[:, axis]
+    columns = {name: getattr(splats, group)[:, k] for group, names in GROUPS.items() for k, name in enumerate(names)}
+    for group, array in _further(splats).items():
+        names = FURTHER.get(group, (COLUMN + group.removeprefix(PREFIX),))
+        columns |= dict(zip(names, array.reshape(len(splats), len(names)).T, strict=True))
+    rows = np.empty(len(splats), [(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        rows[name] = column
     vertex = PlyElement.describe(rows, "vertex")
     PlyData([vertex], byte_order="<", comments=[f"{COMMENT} {_extra(splats)}"]).write(stream)
 
 
 def _write_npz(splats: Splats, stream: Any) -> None:
-    arrays = {group: getattr(splats, group) for group in GROUPS}
+    arrays = {group: getattr(splats, group) for group in GROUPS} | _further(splats)
     np.savez(stream, **arrays, splatcl=np.array(_extra(splats)))

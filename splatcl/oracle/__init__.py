@@ -1,0 +1,134 @@
+"""The passes in float64 NumPy, written from docs/specification.md: every splat against every pixel, no tiles.
+
+An independent second opinion for the kernels (preset botsch05): slow, plain, sharing no code with them.
+
+The margin
+----------
+Where a decision is nearly a tie, a float32 renderer may decide it otherwise than this one. Each decision has
+a signed margin, (distance from flipping) / (2^-24 scale), positive where it accepts; `scale` is, to first
+order, the rounding error of a float32 evaluation relative to the projected centre, in units of 2^-24. With
+s = ((x-cx)/fx, (y-cy)/fy, 1), s_c the same at the projected centre, e_i = |s_i - s_c,i| + 2 pixels (whose
+rounding error is 2^-24 e_i), den = g.s / g.s_c, A = a / g.s_c, B = b / g.s_c and G = g / g.s_c:
+
+- r3^2 <= 1 and z > 0:  den - |(A.s, B.s)| >= 0, scale sum_i (|A_i| + |B_i| + |G_i|) e_i + 1 + kappa;
+- near <= z <= far:  scale_z = |z| (1 + (1 + kappa) sum_i |G_i| e_i) / |den|
+  (orthographic: |z| + (1 + kappa) sum_i |g_i / g_z| e_i), and |z| for the centre's z;
+- r2^2 <= 1:  scale 2 r2^2 + 4 r2 (error of the pre-filter's centre in 2^-24 pixels) / prefilter_radius;
+- z <= depth + epsilon:  scale_z of the fragment, plus that of the front-most splat, plus epsilon;
+- which splat is front-most:  the difference of the two z, scale the sum of their scale_z;
+- facing (cos = n.c / |c|, n_z if orthographic) and edge-on (|cos| - 2^-16):  scale
+  4 |t_u| |t_v| / |t_u x t_v|;
+
+kappa = max(|t_u|, |t_v|)^2 / |t_u x t_v| / |cos| is the relative error of g.s_c (of a circle, 1/|cos|).
+Conditions that hold together (r3^2 <= 1, z in [near, far], not edge-on, not culled) have the least of their
+signed margins, so a splat lowers the margin only of pixels that it touches or nearly touches; a disc wholly and
+clearly outside [near, far] lowers none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatcl.camera import Camera
+from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect, _out_of_range
+from splatcl.oracle.project import ProjectedSplats, _disc_bounds, _prefilter_point, bin, project
+from splatcl.oracle.raster import DepthBuffer, GBuffer, _depth_margin, _prefilter, _weight, attributes, visibility
+from splatcl.oracle.rays import (
+    CLEAR,
+    EDGE_ON,
+    NO_SPLAT,
+    NOTHING,
+    OFFSET_ERROR,
+    PAIRS_AT_ONCE,
+    TINY,
+    UNIT,
+    Array,
+    _chunks,
+    _cosine,
+    _image,
+    _normalize,
+    _range_margin,
+    _raster,
+    _ray_length,
+    _rays,
+    _s_center,
+)
+from splatcl.oracle.shade import _phong, _to_light, shade
+from splatcl.settings import RenderSettings
+from splatcl.splats import Splats
+
+__all__ = [
+    "CLEAR",
+    "EDGE_ON",
+    "NOTHING",
+    "NO_SPLAT",
+    "OFFSET_ERROR",
+    "PAIRS_AT_ONCE",
+    "TINY",
+    "UNIT",
+    "Array",
+    "DepthBuffer",
+    "GBuffer",
+    "ProjectedSplats",
+    "_Discs",
+    "_Hits",
+    "_chunks",
+    "_cosine",
+    "_depth_margin",
+    "_disc_bounds",
+    "_discs",
+    "_image",
+    "_intersect",
+    "_normalize",
+    "_out_of_range",
+    "_phong",
+    "_prefilter",
+    "_prefilter_point",
+    "_range_margin",
+    "_raster",
+    "_ray_length",
+    "_rays",
+    "_s_center",
+    "_to_light",
+    "_weight",
+    "attributes",
+    "auto_epsilon",
+    "bin",
+    "passes",
+    "project",
+    "render",
+    "shade",
+    "visibility",
+]
+
+
+def auto_epsilon(splats: Splats) -> float:
+    """Return the median of max(|t_u|, |t_v|), scene units; 0 for no splats."""
+    return float(np.median(splats.radius)) if len(splats) else 0.0
+
+
+def passes(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: float) -> dict[str, Array]:
+    """Run all passes; return what `render` does, but with two margins.
+
+    `margin` leaves out which of several splats is front-most (coplanar ones tie everywhere); `id_margin` is of the
+    visibility pass, that included. `epsilon` is in scene units.
+    """
+    projected = project(splats, camera, settings)
+    depth = visibility(projected, camera, settings)
+    gbuffer = attributes(projected, depth, camera, settings, epsilon, splats.color)
+    return {
+        **shade(gbuffer, depth, camera, settings),
+        "Z": depth.depth,
+        "weight": gbuffer.weight_sum,
+        "count": gbuffer.count,
+        "particleid": depth.particleid,
+        "margin": np.minimum(depth.depth_margin, gbuffer.margin),
+        "id_margin": depth.margin,
+    }
+
+
+def render(splats: Splats, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
+    """Run all passes; return the image and its AOVs, each (H, W) or (H, W, channels)."""
+    aovs = passes(splats, camera, settings, auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon)
+    aovs["margin"] = np.minimum(aovs["margin"], aovs.pop("id_margin"))
+    return aovs

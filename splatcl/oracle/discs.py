@@ -1,0 +1,95 @@
+"""Discs against the rays of pixels: where they are hit, and how near that is to being decided otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatcl.camera import Camera
+from splatcl.oracle.project import ProjectedSplats
+from splatcl.oracle.rays import EDGE_ON, OFFSET_ERROR, TINY, UNIT, Array, _cosine, _range_margin, _s_center
+
+
+@dataclass(frozen=True, eq=False)
+class _Discs:
+    """Per splat: u = U.s / D.s, v = V.s / D.s, z = Z.s / D.s at the pixel s; D.s > 0 where z has its sign."""
+
+    forms: Array  # (4, 3, N): U, V, Z, D
+    s_center: Array  # (N, 2) s at the projected centre
+    d_center: Array  # (N,) |D.s| there
+    kappa: Array  # (N,)
+    usable: Array  # (N,) bool: neither edge-on nor culled
+    usable_margin: Array  # (N,) signed
+    offset_error: float = OFFSET_ERROR  # of a pixel's offset from the projected centre, 2^-24 pixels
+
+
+@dataclass(frozen=True, eq=False)
+class _Hits:
+    """Arrays are (P, N), or (N,) for one pixel each."""
+
+    r_squared: Array  # r3^2; +inf where the disc is missed or z is out of range
+    r: Array  # of the plane's point, whether or not it counts
+    z: Array  # meaningful where r_squared <= 1
+    scale_z: Array
+    scale_r: Array  # of den - |(A.s, B.s)|, over den: of r3
+    margin: Array  # signed
+
+
+def _discs(projected: ProjectedSplats, camera: Camera) -> _Discs:
+    """Write the intersection as quotients of linear forms in s.
+
+    Perspective: c + u t_u + v t_v = z s gives u = a.s/g.s, v = b.s/g.s, z = c.g/g.s with a = t_v x c,
+    b = c x t_u, g = t_u x t_v. Orthographic: the same with the ray (s_x, s_y, 0) + z (0, 0, 1), that is with
+    c - (s_x, s_y, 0) for c and (0, 0, 1) for the direction.
+    """
+    c, t_u, t_v = projected.center_eye, projected.tangent_u_eye, projected.tangent_v_eye
+    a, b, g = np.cross(t_v, c), np.cross(c, t_u), np.cross(t_u, t_v)
+    zero, c_g = np.zeros(len(c)), (c * g).sum(axis=1)
+    if camera.projection == "perspective":
+        forms = np.stack([a.T, b.T, [zero, zero, c_g], g.T]) * np.sign(c_g)
+    else:
+        form_u, form_v = [t_v[:, 1], -t_v[:, 0], a[:, 2]], [-t_u[:, 1], t_u[:, 0], b[:, 2]]
+        form_z, form_d = [-g[:, 0], -g[:, 1], c_g], [zero, zero, g[:, 2]]
+        forms = np.stack([form_u, form_v, form_z, form_d]) * np.sign(g[:, 2])
+    cosine, cosine_scale = _cosine(c, t_u, t_v, camera)
+    cosine = np.abs(cosine)
+    longest = np.maximum((t_u**2).sum(axis=1), (t_v**2).sum(axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        d_center = np.abs(c_g / c[:, 2]) if camera.projection == "perspective" else np.abs(g[:, 2])
+        kappa = longest / np.linalg.norm(g, axis=1) / cosine
+    usable_margin = np.minimum((cosine - EDGE_ON) / (UNIT * cosine_scale), projected.facing_margin)
+    usable_margin[_out_of_range(projected, camera)] = -np.inf
+    usable = (cosine > EDGE_ON) & ~projected.culled
+    return _Discs(forms, _s_center(c, camera), d_center, kappa, usable, usable_margin)
+
+
+def _out_of_range(projected: ProjectedSplats, camera: Camera) -> Array:
+    """(N,) whether the whole disc is outside [near, far] by over a thousandth of its distance."""
+    z, reach = projected.center_eye[:, 2], np.hypot(projected.tangent_u_eye[:, 2], projected.tangent_v_eye[:, 2])
+    clearly = 1e-3 * (np.linalg.norm(projected.center_eye, axis=1) + reach)
+    return (z + reach + clearly < camera.near) | (z - reach - clearly > camera.far)
+
+
+def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
+    """Intersect pixels' rays with discs; `s` is (P, 1, 3) for all (N,) discs each, or (N, 3) for one each."""
+    s_x, s_y = s[..., 0], s[..., 1]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        u, v, z, d = (s_x * x + s_y * y + one for x, y, one in discs.forms)
+        size = np.sqrt(u**2 + v**2)
+        z /= d
+        hit = discs.usable & (d > 0) & (z >= camera.near) & (z <= camera.far)
+        r_squared = np.where(hit, (size / d) ** 2, np.inf)
+
+        e_x = np.abs(s_x - discs.s_center[:, 0]) + discs.offset_error / camera.fx
+        e_y = np.abs(s_y - discs.s_center[:, 1]) + discs.offset_error / camera.fy
+        u_abs, v_abs, z_abs, d_abs = np.abs(discs.forms)
+        uvd_abs, steep = u_abs + v_abs + d_abs, 1 + discs.kappa
+        scale_r = uvd_abs[0] * e_x + uvd_abs[1] * e_y + steep * discs.d_center
+        error_d = discs.d_center + steep * (d_abs[0] * e_x + d_abs[1] * e_y)
+        error_z = steep * (z_abs[0] * e_x + z_abs[1] * e_y)
+        scale_z = (np.abs(z) * error_d + error_z) / np.abs(d) + TINY
+        margin = np.fmin((d - size) / (UNIT * scale_r), _range_margin(z, scale_z, camera))
+        scale_r /= np.abs(d)
+        r = size / np.abs(d)
+    return _Hits(r_squared, r, z, scale_z, scale_r, np.fmin(margin, discs.usable_margin))

@@ -1,0 +1,77 @@
+"""Shading: resolve the G-buffer and light each pixel once."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatcl.camera import Camera
+from splatcl.lights import Light
+from splatcl.oracle.raster import DepthBuffer, GBuffer
+from splatcl.oracle.rays import Array, _image, _normalize, _ray_length, _rays
+from splatcl.settings import RenderSettings
+
+
+def shade(gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
+    """Resolve the G-buffer and light each pixel once.
+
+    Returns
+    -------
+    dict
+        `color` (H, W, 4) linear RGBA; `P`, `N` (H, W, 3) eye space; `albedo` (H, W, 3);
+        `depth.mean`, `depth.distance` (H, W) scene units, +inf where there is nothing.
+    """
+    s = _image(_rays(camera), camera)
+    covered = gbuffer.weight_sum > 0
+    weight_sum = np.where(covered, gbuffer.weight_sum, 1.0)
+    mean = np.where(covered, gbuffer.depth_sum / weight_sum, np.inf)
+    albedo = gbuffer.color_sum / weight_sum[..., None]
+    normal = _normalize(gbuffer.normal_sum)
+    z = np.where(np.isfinite(depth.depth), depth.depth, mean)
+    z_covered = np.where(covered, z, 0.0)[..., None]
+    if camera.projection == "perspective":
+        position = z_covered * s
+        to_eye = _normalize(-position)
+    else:
+        position = np.where(covered[..., None], np.concatenate([s[..., :2], z_covered], axis=-1), 0.0)
+        to_eye = np.broadcast_to([0.0, 0.0, -1.0], s.shape)
+    if settings.shader == "albedo":
+        rgb = albedo
+    elif settings.shader == "normal":
+        rgb = 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
+    else:
+        rgb = _phong(position, normal, albedo, to_eye, camera, settings)
+    rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
+    return {
+        "color": np.where(covered[..., None], rgba, 0.0),
+        "P": position,
+        "N": normal,
+        "albedo": albedo,
+        "depth.mean": mean,
+        "depth.distance": z * _ray_length(camera, s),
+    }
+
+
+def _phong(
+    position: Array, normal: Array, albedo: Array, to_eye: Array, camera: Camera, settings: RenderSettings
+) -> Array:
+    """(H, W, 3) albedo (ambient + diffuse sum max(N.L, 0)) + specular sum max(R.V, 0)^shininess."""
+    material = settings.material
+    diffuse, specular = np.zeros(normal.shape), np.zeros(normal.shape)
+    for light in settings.lights:
+        to_light = _to_light(light, position, to_eye, camera)
+        n_l = (normal * to_light).sum(axis=-1, keepdims=True)
+        mirrored = 2 * n_l * normal - to_light
+        r_v = np.maximum((mirrored * to_eye).sum(axis=-1, keepdims=True), 0.0)
+        diffuse += np.maximum(n_l, 0.0) * light.color
+        specular += np.where(n_l > 0, r_v**material.shininess, 0.0) * light.color
+    return albedo * (material.ambient + material.diffuse * diffuse) + material.specular * specular
+
+
+def _to_light(light: Light, position: Array, to_eye: Array, camera: Camera) -> Array:
+    """(H, W, 3) unit eye-space vectors toward the light; a headlight's go where the eye is."""
+    if light.kind == "headlight":
+        return to_eye
+    vector = camera.eye_from_world[:3, :3] @ light.vector
+    if light.kind == "directional":
+        return np.broadcast_to(_normalize(vector), position.shape)
+    return _normalize(vector + camera.eye_from_world[:3, 3] - position)
