@@ -5,6 +5,7 @@
 #include "splat.h"
 #include "lanes.h"
 #include "transpose.h"
+#include "extra.h"
 #include "fragment.h"
 #include "weight.h"
 

@@ -27,6 +27,8 @@ SUSPECTS = 100
 BEYOND_DOUBT = 32.0
 """Margin, in rounding errors, from which a float32 renderer decides as the oracle does (tests/tolerances.py)."""
 SPLATS_AT_ONCE = 1 << 18
+ONE_LANE: dict[str, Any] = {"LANES": 1, "SHADING": 0, "FIELD": 0, "CHANNELS": 0, "SHADER": '"albedo.h"'}
+"""Build options of kernels that take a splat and a pixel at a time, and only ask whether there is a fragment."""
 CHUNK = 4096
 """Records whose fragments a work-item counts."""
 
@@ -248,8 +250,9 @@ def _count_fragments(passes: Passes, view: Any, splats: ResidentSplats, depth: D
         num_chunks = -(-num // CHUNK)
         counts = passes.device.buffer(num_chunks * 8)
         passes.run(
-            "accounting", (num_chunks,), view, projected.records, projected.attributes, projected.boxes, num, CHUNK,
-            epsilon, along, inverse_radius2, depth.depth, counts, LANES=1, PREFILTER=options["PREFILTER"],
+            "accounting", (num_chunks,), view, projected.records, projected.extra, projected.attributes,
+            projected.boxes, num, CHUNK, epsilon, along, inverse_radius2, depth.depth, counts,
+            **{**projected.options, **options, **ONE_LANE},
         )  # fmt: skip
         total += int(passes.device.read(counts, (num_chunks,), np.uint64).sum())
     return total
