@@ -48,6 +48,7 @@ app = App(
 COMMANDS = {
     "render": "Render a scan to an OpenEXR file, a PNG, or both.",
     "probe": "Explain one pixel: every splat that touches it, and what became of it.",
+    "features": "Make splats of a mesh that end at its sharp edges.",
     "info": "Say what a scan holds and what of it would be left out.",
     "bench": "Measure how fast splats are rendered, and what bounds it.",
     "doctor": "Test a device's arithmetic and its golden images.",

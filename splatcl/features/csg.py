@@ -1,0 +1,192 @@
+"""Splats of solids: discs that cover each surface, cut off where another surface ends the solid."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from splatcl.errors import SettingsError
+from splatcl.features.lines import clip_lines, cut_depth, keep_deepest, lost_note, plane_lines
+from splatcl.features.solids import Discs, Solid, Surface, box
+from splatcl.splats import MAX_MAGNITUDE, Splats
+
+Array = NDArray[Any]
+Piece = tuple[bool, dict[int, bool]]
+"""A part of a disc: whether its normal is the surface's own, and on which side of other surfaces it is."""
+STEPS = 6
+"""Newton steps from a disc's centre to where another surface crosses its plane."""
+CROSSING = 0.05
+"""A surface crosses a disc's plane if these steps end nearer to it than this share of the disc's radius."""
+MAX_CROSSING = 4
+"""Surfaces, the nearest ones, that a disc is cut off at."""
+
+
+def cube(center: ArrayLike = (0.0, 0.0, 0.0), size: float = 1.0, color: ArrayLike = (0.6, 0.6, 0.6)) -> Splats:
+    """Return a cube of 24 splats, four for each face, each cut off along the two edges of its corner.
+
+    Parameters
+    ----------
+    center : (3,) float
+        World space.
+    size : float
+        Length of an edge, scene units.
+    color : (3,) float
+        Linear RGB.
+
+    Returns
+    -------
+    Splats
+        float64; four after another are of one face, in the order -x, x, -y, y, -z, z.
+
+    Raises
+    ------
+    SettingsError
+        Not three finite numbers, or a size that is not positive.
+    """
+    surfaces = box(center, (size, size, size), color).surfaces
+    splats = _joined([_whole(surface, surface.discs(size / 2)) for surface in surfaces])
+    # Across an edge, the nearest splat is half as far as the one beside it.
+    pairs = cKDTree(splats.center).query_pairs(0.4 * size, output_type="ndarray")
+    return clip_lines(splats, pairs)
+
+
+def csg_splats(solid: Solid, spacing: float) -> Splats:
+    """Return splats that cover the surface of a solid and end at its edges.
+
+    Each surface of the solid is covered by discs. A disc that other surfaces cross is cut off along the tangents of
+    the crossing curves; a part of it is kept where the surface bounds the solid there. A disc of which no part is
+    kept is left out; one whose kept part is not convex becomes two or more splats that overlap.
+
+    Parameters
+    ----------
+    solid : Solid
+        Made by `box`, `sphere` and `cylinder`, and ``|``, ``&`` and ``-``. No two of its surfaces may coincide.
+    spacing : float
+        Largest distance of neighbouring centres on a surface, scene units; well below the radii of the curved
+        surfaces.
+
+    Returns
+    -------
+    Splats
+        float64, surface by surface. The notes count splats that were cut off and lines that could not be kept.
+
+    Raises
+    ------
+    SettingsError
+        `spacing` is not positive.
+    """
+    if not 0 < spacing < MAX_MAGNITUDE:
+        raise SettingsError(f"spacing must be positive and finite, not {spacing}")
+    parts = [_of_surface(solid, which, spacing) for which in range(len(solid.surfaces))]
+    splats = _joined([part for part, _, _ in parts])
+    cut = int(np.count_nonzero(splats.clip.any(axis=(1, 2)))) if splats.clip is not None else 0
+    notes = [f"covered {len(parts)} surfaces by {len(splats)} splats, {cut} of them cut off at others"]
+    num_before = np.cumsum([0, *(len(part) for part, _, _ in parts)])
+    owner = np.concatenate([start + of for start, (_, of, _) in zip(num_before, parts, strict=False)])
+    notes += lost_note(np.concatenate([lost for _, _, lost in parts]), owner)
+    return replace(splats, notes=tuple(notes), on_invalid="error")
+
+
+def _whole(surface: Surface, discs: Discs) -> Splats:
+    return Splats(*discs, np.tile(np.asarray(surface.color, np.float32), (len(discs[0]), 1)))
+
+
+def _joined(parts: list[Splats]) -> Splats:
+    center, tangent_u, tangent_v, color = (
+        np.concatenate([getattr(part, name) for part in parts])
+        for name in ("center", "tangent_u", "tangent_v", "color")
+    )
+    clips = [part.clip for part in parts if part.clip is not None]
+    return Splats(center, tangent_u, tangent_v, color, clip=np.concatenate(clips) if clips else None)
+
+
+def _of_surface(solid: Solid, which: int, spacing: float) -> tuple[Splats, Array, Array]:
+    """Return the splats of one surface, and which splat each line is of and whether it could not be kept."""
+    surface = solid.surfaces[which]
+    discs = surface.discs(spacing)
+    center = discs[0]
+    inside = np.stack([other.nearest(center)[0] <= 0 for other in solid.surfaces])
+    lines = np.stack([_crossing(other, discs) for other in solid.surfaces])
+    lines[which] = 0.0
+    crosses = np.asarray(lines.any(axis=2))
+    rank = np.argsort(np.argsort(np.where(crosses, np.abs(lines[..., 2]), np.inf), axis=0), axis=0)
+    crosses &= rank < MAX_CROSSING
+
+    source, turned, owner, chosen = [], [], [], []
+    patterns, kind = np.unique(np.concatenate([inside, crosses]), axis=1, return_inverse=True)
+    num = 0
+    for p, pattern in enumerate(patterns.T):
+        ids = np.flatnonzero(kind.ravel() == p)
+        for as_is, sides in _pieces(solid, which, *np.split(pattern, 2)):
+            source.append(ids)
+            turned.append(np.full(len(ids), not as_is))
+            for other, within in sides.items():
+                owner.append(num + np.arange(len(ids)))
+                chosen.append(lines[other, ids] * (-1.0 if within else 1.0))
+            num += len(ids)
+    empty = [np.empty(0, np.intp)]
+    ids, flip = np.concatenate(source or empty), np.concatenate(turned or empty).astype(bool)
+    of, cuts = np.concatenate(owner or empty), np.concatenate(chosen or [np.empty((0, 3))])
+    clip, lost = keep_deepest(of, cuts, num)
+    left = np.isfinite(cut_depth(np.zeros((num, 3)), clip))
+    order = np.flatnonzero(left)[np.argsort(ids[left], kind="stable")]
+    position = np.full(num, -1)
+    position[order] = np.arange(len(order))
+    kept = position[of] >= 0
+    sign = np.where(flip[order], -1.0, 1.0)[:, None]
+    taken = (center[ids[order]], discs[1][ids[order]], discs[2][ids[order]] * sign)
+    clip[order, :, 1] *= sign
+    return replace(_whole(surface, taken), clip=clip[order], on_invalid="error"), position[of[kept]], lost[kept]
+
+
+def _crossing(other: Surface, discs: Discs) -> Array:
+    """Return (N, 3) lines where a surface crosses discs, which keep what is outside of it; zeros where it does not."""
+    center, tangent_u, tangent_v = discs
+    place = center
+    for _ in range(STEPS):
+        distance, normal = other.nearest(place)
+        lines = plane_lines(center, tangent_u, tangent_v, place - distance[:, None] * normal, normal)
+        foot = -lines[:, 2:] * lines[:, :2]
+        place = center + foot[:, :1] * tangent_u + foot[:, 1:] * tangent_v
+    radius = np.maximum(np.linalg.norm(tangent_u, axis=1), np.linalg.norm(tangent_v, axis=1))
+    met = (np.abs(lines[:, 2]) < 1) & (np.abs(other.nearest(place)[0]) <= CROSSING * radius)
+    return np.where(met[:, None], lines, 0.0)
+
+
+def _pieces(solid: Solid, which: int, inside: Array, crosses: Array) -> list[Piece]:
+    """Return the largest parts of a disc on one surface that bound the solid.
+
+    Parameters
+    ----------
+    which : int
+        The disc's surface.
+    inside, crosses : (S,) bool array
+        Whether the disc's centre is inside of each surface, and whether the surface crosses the disc.
+    """
+    others = [int(k) for k in np.flatnonzero(crosses)]
+
+    def bounds(sides: tuple[bool, ...], as_is: bool) -> bool:
+        flags = [bool(flag) for flag in inside]
+        for other, side in zip(others, sides, strict=True):
+            flags[other] = side
+        behind, before = ([*flags[:which], own, *flags[which + 1 :]] for own in (as_is, not as_is))
+        return bool(solid.contains(behind)) and not solid.contains(before)
+
+    pieces: list[Piece] = []
+    for as_is in (True, False):
+        # None: on either side. All choices that hold throughout, then those that are in no larger one.
+        whole = [
+            choice
+            for choice in product((None, False, True), repeat=len(others))
+            if all(bounds(sides, as_is) for sides in product(*((False, True) if s is None else (s,) for s in choice)))
+        ]
+        for choice in whole:
+            larger = (c for c in whole if c != choice)
+            if not any(all(a is None or a == b for a, b in zip(c, choice, strict=True)) for c in larger):
+                pieces.append((as_is, {k: side for k, side in zip(others, choice, strict=True) if side is not None}))
+    return pieces
