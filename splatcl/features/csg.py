@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from splatcl.errors import SettingsError
-from splatcl.features.lines import clip_lines, cut_depth, keep_deepest, lost_note, plane_lines
+from splatcl.features.lines import at, clip_lines, cut_depth, keep_deepest, lost_note, plane_lines
 from splatcl.features.solids import Discs, Solid, Surface, box
 from splatcl.splats import MAX_MAGNITUDE, Splats
 
@@ -21,7 +21,7 @@ Piece = tuple[bool, dict[int, bool]]
 STEPS = 6
 """Newton steps from a disc's centre to where another surface crosses its plane."""
 CROSSING = 0.05
-"""A surface crosses a disc's plane if these steps end nearer to it than this share of the disc's radius."""
+"""A surface crosses a disc's plane if these steps end nearer to it than this, in disc coordinates."""
 MAX_CROSSING = 4
 """Surfaces, the nearest ones, that a disc is cut off at."""
 
@@ -58,9 +58,10 @@ def cube(center: ArrayLike = (0.0, 0.0, 0.0), size: float = 1.0, color: ArrayLik
 def csg_splats(solid: Solid, spacing: float) -> Splats:
     """Return splats that cover the surface of a solid and end at its edges.
 
-    Each surface of the solid is covered by discs. A disc that other surfaces cross is cut off along the tangents of
-    the crossing curves; a part of it is kept where the surface bounds the solid there. A disc of which no part is
-    kept is left out; one whose kept part is not convex becomes two or more splats that overlap.
+    Each surface of the solid is covered by discs. A disc that other surfaces cross is cut off there along straight
+    lines: the tangent of the crossing curve where the part inside is kept, and where the part outside is kept the
+    line through the curve's ends on the disc, so that no gap opens. A part is kept where it bounds the solid. A disc
+    of which no part is kept is left out; one whose kept part is not convex becomes two or more splats that overlap.
 
     Parameters
     ----------
@@ -82,13 +83,13 @@ def csg_splats(solid: Solid, spacing: float) -> Splats:
     """
     if not 0 < spacing < MAX_MAGNITUDE:
         raise SettingsError(f"spacing must be positive and finite, not {spacing}")
-    parts = [_of_surface(solid, which, spacing) for which in range(len(solid.surfaces))]
-    splats = _joined([part for part, _, _ in parts])
-    cut = int(np.count_nonzero(splats.clip.any(axis=(1, 2)))) if splats.clip is not None else 0
+    parts, counts = zip(*(_of_surface(solid, which, spacing) for which in range(len(solid.surfaces))), strict=True)
+    splats = _joined(list(parts))
+    cut = 0 if splats.clip is None else np.count_nonzero(splats.clip.any(axis=(1, 2)))
     notes = [f"covered {len(parts)} surfaces by {len(splats)} splats, {cut} of them cut off at others"]
-    num_before = np.cumsum([0, *(len(part) for part, _, _ in parts)])
-    owner = np.concatenate([start + of for start, (_, of, _) in zip(num_before, parts, strict=False)])
-    notes += lost_note(np.concatenate([lost for _, _, lost in parts]), owner)
+    num_lost, num_crowded = np.sum(counts, axis=0)
+    notes += lost_note(num_lost)
+    notes += [f"{num_crowded} discs are crossed by more than {MAX_CROSSING} surfaces"] if num_crowded else []
     return replace(splats, notes=tuple(notes), on_invalid="error")
 
 
@@ -105,18 +106,18 @@ def _joined(parts: list[Splats]) -> Splats:
     return Splats(center, tangent_u, tangent_v, color, clip=np.concatenate(clips) if clips else None)
 
 
-def _of_surface(solid: Solid, which: int, spacing: float) -> tuple[Splats, Array, Array]:
-    """Return the splats of one surface, and which splat each line is of and whether it could not be kept."""
+def _of_surface(solid: Solid, which: int, spacing: float) -> tuple[Splats, tuple[int, int]]:
+    """Return the splats of one surface, and the numbers of lines not kept and of discs that too many surfaces cross."""
     surface = solid.surfaces[which]
     discs = surface.discs(spacing)
     center = discs[0]
     inside = np.stack([other.nearest(center)[0] <= 0 for other in solid.surfaces])
-    lines = np.stack([_crossing(other, discs) for other in solid.surfaces])
+    lines, sag = (np.stack(arrays) for arrays in zip(*(_crossing(s, discs) for s in solid.surfaces), strict=True))
     lines[which] = 0.0
     crosses = np.asarray(lines.any(axis=2))
     rank = np.argsort(np.argsort(np.where(crosses, np.abs(lines[..., 2]), np.inf), axis=0), axis=0)
+    num_crowded = int(np.count_nonzero(crosses.sum(axis=0) > MAX_CROSSING))
     crosses &= rank < MAX_CROSSING
-
     source, turned, owner, chosen = [], [], [], []
     patterns, kind = np.unique(np.concatenate([inside, crosses]), axis=1, return_inverse=True)
     num = 0
@@ -127,7 +128,8 @@ def _of_surface(solid: Solid, which: int, spacing: float) -> tuple[Splats, Array
             turned.append(np.full(len(ids), not as_is))
             for other, within in sides.items():
                 owner.append(num + np.arange(len(ids)))
-                chosen.append(lines[other, ids] * (-1.0 if within else 1.0))
+                cut = lines[other, ids]
+                chosen.append(-cut if within else cut + sag[other, ids, None] * (0, 0, 1))
             num += len(ids)
     empty = [np.empty(0, np.intp)]
     ids, flip = np.concatenate(source or empty), np.concatenate(turned or empty).astype(bool)
@@ -135,27 +137,40 @@ def _of_surface(solid: Solid, which: int, spacing: float) -> tuple[Splats, Array
     clip, lost = keep_deepest(of, cuts, num)
     left = np.isfinite(cut_depth(np.zeros((num, 3)), clip))
     order = np.flatnonzero(left)[np.argsort(ids[left], kind="stable")]
-    position = np.full(num, -1)
-    position[order] = np.arange(len(order))
-    kept = position[of] >= 0
     sign = np.where(flip[order], -1.0, 1.0)[:, None]
     taken = (center[ids[order]], discs[1][ids[order]], discs[2][ids[order]] * sign)
     clip[order, :, 1] *= sign
-    return replace(_whole(surface, taken), clip=clip[order], on_invalid="error"), position[of[kept]], lost[kept]
+    splats = replace(_whole(surface, taken), clip=clip[order], on_invalid="error")
+    return splats, (int(np.count_nonzero(lost)), num_crowded)
 
 
-def _crossing(other: Surface, discs: Discs) -> Array:
-    """Return (N, 3) lines where a surface crosses discs, which keep what is outside of it; zeros where it does not."""
+def _crossing(other: Surface, discs: Discs) -> tuple[Array, Array]:
+    """Return where a surface crosses discs.
+
+    Returns
+    -------
+    lines : (N, 3) float64 array
+        Tangents of the crossing curves, which keep what is outside of the surface; zeros where there is none.
+    sag : (N,) float64 array
+        How far the curve is behind its tangent where it leaves the disc: a part outside that is cut off along
+        the tangent, c without this, does not reach the curve there.
+    """
     center, tangent_u, tangent_v = discs
-    place = center
-    for _ in range(STEPS):
+
+    def tangents(points: Array) -> Array:
+        place = center + points[:, :1] * tangent_u + points[:, 1:] * tangent_v
         distance, normal = other.nearest(place)
-        lines = plane_lines(center, tangent_u, tangent_v, place - distance[:, None] * normal, normal)
+        return plane_lines(center, tangent_u, tangent_v, place - distance[:, None] * normal, normal)
+
+    foot = np.zeros((len(center), 2))
+    for _ in range(STEPS):
+        lines = tangents(foot)
         foot = -lines[:, 2:] * lines[:, :2]
-        place = center + foot[:, :1] * tangent_u + foot[:, 1:] * tangent_v
-    radius = np.maximum(np.linalg.norm(tangent_u, axis=1), np.linalg.norm(tangent_v, axis=1))
-    met = (np.abs(lines[:, 2]) < 1) & (np.abs(other.nearest(place)[0]) <= CROSSING * radius)
-    return np.where(met[:, None], lines, 0.0)
+    met = lines.any(axis=1) & (np.abs(lines[:, 2]) < 1) & (np.abs(at(tangents(foot), foot)) <= CROSSING)
+    half = np.sqrt(np.where(met, 1 - lines[:, 2] ** 2, 0.0))[:, None]
+    along = half * np.stack([-lines[:, 1], lines[:, 0]], axis=1)
+    sag = np.max([at(tangents(foot + step), foot + step) for step in (-along, along)], axis=0)
+    return np.where(met[:, None], lines, 0.0), np.where(met, np.clip(sag, 0.0, 1.0), 0.0)
 
 
 def _pieces(solid: Solid, which: int, inside: Array, crosses: Array) -> list[Piece]:

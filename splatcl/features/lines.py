@@ -66,7 +66,7 @@ def clip_lines(splats: Splats, pairs: ArrayLike, convex: ArrayLike | None = None
         lines = np.concatenate([normalize(splats.clip.reshape(-1, 3)), lines])
     clip, lost = keep_deepest(owner, lines, len(splats))
     notes = [f"cut {np.count_nonzero(clip.any(axis=(1, 2)))} of {len(splats)} splats off along {len(i)} edges"]
-    notes += lost_note(lost, owner)
+    notes += lost_note(int(np.count_nonzero(lost)))
     gone = int(np.count_nonzero(cut_depth(np.zeros((len(splats), 3)), clip) > 0))
     notes += [f"clip lines leave nothing of {gone} splats"] if gone else []
     notes += [f"{parallel} pairs of splats are parallel and have no clip line"] if parallel else []
@@ -184,11 +184,9 @@ def keep_deepest(
     return clip, depths() < -LEAST_CUT
 
 
-def lost_note(lost: Array, owner: Array) -> list[str]:
-    """Say how many lines could not be kept, and of how many splats; nothing where all were."""
-    num = np.count_nonzero(lost)
-    splats = len(np.unique(owner[lost]))
-    return [f"left out {num} clip lines of {splats} splats, which have two already"] if num else []
+def lost_note(num: int) -> list[str]:
+    """Say how many lines could not be kept; nothing where all were."""
+    return [f"left out {num} clip lines of splats that have two which cut deeper"] if num else []
 
 
 def _pairs(pairs: ArrayLike, num: int) -> NDArray[np.intp]:
