@@ -24,7 +24,6 @@ class SharpEdges:
     end: Array  # (E, 3)
     inward: Array  # (E, 3) unit vectors in the face's plane, at right angles to the edge, toward the face
     normal: Array  # (E, 3) the face's unit normal
-    edge: Array  # (E,) the same number for the faces of one edge
     patch: Array  # (E,) the face's patch
     patch_of_face: Array  # (F,)
     num_edges: int
@@ -70,4 +69,4 @@ def sharp_edges(corners: Array, angle: float) -> SharpEdges:
     a, b = corners[of, k], corners[of, (k + 1) % 3]
     inward = np.cross(normal[of], b - a)
     inward /= np.linalg.norm(inward, axis=1, keepdims=True)
-    return SharpEdges(a, b, inward, normal[of], edge[half], patch_of_face[of], patch_of_face, int(is_sharp.sum()))
+    return SharpEdges(a, b, inward, normal[of], patch_of_face[of], patch_of_face, int(is_sharp.sum()))

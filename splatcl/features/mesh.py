@@ -19,7 +19,7 @@ from splatcl.splats import OnInvalid, Splats
 Array = NDArray[Any]
 ANGLE = 30.0
 """Degrees between the normals of two faces above which their edge is sharp."""
-MAX_ROUNDS = 6
+MAX_ROUNDS = 4
 """Times that a triangle is parted into four so that two lines are enough."""
 INSIDE = 1e-6
 """An edge meets what is left of a disc along more than this share of its radius, or it does not."""
@@ -165,9 +165,8 @@ def _clip(parts: _Parts, edges: SharpEdges) -> tuple[Array, Array]:
     clip, lost = keep_deepest(
         owner[usable], lines[usable], len(parts), lambda clip: _meets(start[usable], end[usable], clip)
     )
-    # Of an edge with the same patch on both sides, the side of the triangle is enough.
-    edge = owner * len(edges) + edges.edge[side]
-    barred = ~usable & ~np.isin(edge, edge[usable]) & _meets(start, end, clip[owner])
+    # An edge on whose far side the triangle is ends something else: a sheet underneath, the other side of a crease.
+    barred = ~usable & (lines[:, 2] > 0) & _meets(start, end, clip[owner])
     return clip, np.concatenate([owner[usable][lost], owner[barred]])
 
 
