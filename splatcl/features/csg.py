@@ -109,39 +109,57 @@ def _joined(parts: list[Splats]) -> Splats:
 def _of_surface(solid: Solid, which: int, spacing: float) -> tuple[Splats, tuple[int, int]]:
     """Return the splats of one surface, and the numbers of lines not kept and of discs that too many surfaces cross."""
     surface = solid.surfaces[which]
-    discs = surface.discs(spacing)
-    center = discs[0]
-    inside = np.stack([other.nearest(center)[0] <= 0 for other in solid.surfaces])
-    lines, sag = (np.stack(arrays) for arrays in zip(*(_crossing(s, discs) for s in solid.surfaces), strict=True))
-    lines[which] = 0.0
+    center, tangent_u, tangent_v = discs = surface.discs(spacing)
+    inside, lines, sag = _surroundings(solid, which, discs)
     crosses = np.asarray(lines.any(axis=2))
-    rank = np.argsort(np.argsort(np.where(crosses, np.abs(lines[..., 2]), np.inf), axis=0), axis=0)
-    num_crowded = int(np.count_nonzero(crosses.sum(axis=0) > MAX_CROSSING))
-    crosses &= rank < MAX_CROSSING
-    source, turned, owner, chosen = [], [], [], []
-    patterns, kind = np.unique(np.concatenate([inside, crosses]), axis=1, return_inverse=True)
-    num = 0
-    for p, pattern in enumerate(patterns.T):
-        ids = np.flatnonzero(kind.ravel() == p)
-        for as_is, sides in _pieces(solid, which, *np.split(pattern, 2)):
+    crowded = np.flatnonzero(crosses.sum(axis=0) > MAX_CROSSING)
+    apart = np.where(crosses, np.abs(lines[..., 2]), np.inf)[:, crowded]
+    crosses[:, crowded] &= np.argsort(np.argsort(apart, axis=0), axis=0) < MAX_CROSSING
+
+    source, owner = [np.empty(0, np.intp)], [np.empty(0, np.intp)]
+    turned, chosen, num = [np.empty(0, bool)], [np.empty((0, 3))], 0
+    for ids in _alike(np.concatenate([inside, crosses])):
+        for as_is, sides in _pieces(solid, which, inside[:, ids[0]], crosses[:, ids[0]]):
             source.append(ids)
             turned.append(np.full(len(ids), not as_is))
-            for other, within in sides.items():
+            for k, within in sides.items():
                 owner.append(num + np.arange(len(ids)))
-                cut = lines[other, ids]
-                chosen.append(-cut if within else cut + sag[other, ids, None] * (0, 0, 1))
+                chosen.append(-lines[k, ids] if within else lines[k, ids] + sag[k, ids, None] * (0, 0, 1))
             num += len(ids)
-    empty = [np.empty(0, np.intp)]
-    ids, flip = np.concatenate(source or empty), np.concatenate(turned or empty).astype(bool)
-    of, cuts = np.concatenate(owner or empty), np.concatenate(chosen or [np.empty((0, 3))])
-    clip, lost = keep_deepest(of, cuts, num)
-    left = np.isfinite(cut_depth(np.zeros((num, 3)), clip))
-    order = np.flatnonzero(left)[np.argsort(ids[left], kind="stable")]
-    sign = np.where(flip[order], -1.0, 1.0)[:, None]
-    taken = (center[ids[order]], discs[1][ids[order]], discs[2][ids[order]] * sign)
-    clip[order, :, 1] *= sign
-    splats = replace(_whole(surface, taken), clip=clip[order], on_invalid="error")
-    return splats, (int(np.count_nonzero(lost)), num_crowded)
+    part, flip = np.concatenate(source), np.concatenate(turned)
+    clip, lost = keep_deepest(np.concatenate(owner), np.concatenate(chosen), num)
+    left = np.flatnonzero(np.isfinite(cut_depth(np.zeros((num, 3)), clip)))
+    left = left[np.argsort(part[left], kind="stable")]
+    part, clip, sign = part[left], clip[left], np.where(flip[left], -1.0, 1.0)[:, None]
+    clip[:, :, 1] *= sign
+    splats = _whole(surface, (center[part], tangent_u[part], sign * tangent_v[part]))
+    return replace(splats, clip=clip, on_invalid="error"), (int(np.count_nonzero(lost)), len(crowded))
+
+
+def _surroundings(solid: Solid, which: int, discs: Discs) -> tuple[Array, Array, Array]:
+    """Return (S, N) whether centres are inside of each surface, and (S, N, 3) `lines` and (S, N) `sag` of `_crossing`.
+
+    A disc's own surface crosses it nowhere.
+    """
+    center, tangent_u, tangent_v = discs
+    radius = np.maximum(np.linalg.norm(tangent_u, axis=1), np.linalg.norm(tangent_v, axis=1))
+    distance = np.stack([other.nearest(center)[0] for other in solid.surfaces])
+    near = np.abs(distance) <= radius
+    near[which] = False
+    lines, sag = np.zeros((*distance.shape, 3)), np.zeros(distance.shape)
+    for k in np.flatnonzero(near.any(axis=1)):
+        ids = np.flatnonzero(near[k])
+        lines[k, ids], sag[k, ids] = _crossing(solid.surfaces[k], (center[ids], tangent_u[ids], tangent_v[ids]))
+    return distance <= 0, lines, sag
+
+
+def _alike(flags: Array) -> list[Array]:
+    """Return the indices of each group of equal columns of (F, N) bools."""
+    kind = np.zeros(flags.shape[1], np.intp)
+    for row in flags:
+        kind = np.unique(2 * kind + row, return_inverse=True)[1]
+    order = np.argsort(kind, kind="stable")
+    return [ids for ids in np.split(order, np.flatnonzero(np.diff(kind[order])) + 1) if len(ids)]
 
 
 def _crossing(other: Surface, discs: Discs) -> tuple[Array, Array]:
