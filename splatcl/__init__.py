@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from splatcl import features
+    from splatcl import features as features
     from splatcl.camera import Camera
     from splatcl.errors import SplatclError
     from splatcl.frame import Frame
@@ -30,7 +30,6 @@ __all__ = [
     "Renderer",
     "SplatclError",
     "Splats",
-    "features",
     "read",
     "render",
     "write",
