@@ -211,7 +211,8 @@ kernel void attributes(constant View *view, global const ProjectedSplat *records
     write_nothing(&to, view, &w);
     return;
   }
-  const rules r = {view->near, view->far, falloff, inverse_radius2, table, table_size, w.x, w.y};
+  const rules r = {view->near, view->far, falloff, inverse_radius2, table, table_size,
+                   w.x + view->first_column, w.y + view->first_row};
   target t;
   const real farthest = begin_target(&t, view, &w, depth, epsilon, along_ray);
 #define TAKE(place, num) batch(&t, records, splat_attributes, boxes, place, num, &w, &r)

@@ -95,7 +95,7 @@ static inline masks surely_away(reals3 tu, reals3 tv, reals3 c, reals error)
   return MASK(dot3(g, c) > size * (length1(c) * FACING_SLACK + error * R(2.0)));
 }
 
-// The pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
+// The window's pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
 typedef struct {
   range x, y;
   reals near_z;
@@ -135,8 +135,8 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
 #endif
   range x = disc_pixels(&s, c.x, wide, view->fx_hi), y = disc_pixels(&s, c.y, high, view->fy_hi);
   const reals slack = at_least(x.last - x.first, y.last - y.first) * TILT_SLACK;
-  x = pixels(&s, x, slack, c.x, view->fx_hi, view->cx_hi);
-  y = pixels(&s, y, slack, c.y, view->fy_hi, view->cy_hi);
+  x = pixels(&s, x, slack, c.x, view->fx_hi, view->cx_hi - (real)view->first_column);
+  y = pixels(&s, y, slack, c.y, view->fy_hi, view->cy_hi - (real)view->first_row);
   if (view->prefilter_at_bounds) {  // its centre may be anywhere in them
     const reals around = (reals)(view->prefilter_radius + PIXEL_SLACK);
     x = (range){x.first - around, x.last + around};
