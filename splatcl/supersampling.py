@@ -125,8 +125,9 @@ def _filtered(name: str, samples: Aovs, n: int) -> NDArray[Any]:
     if name in ("color", "weight"):
         return _sum(values, n) / n**2
     if name.startswith("depth."):
-        return _mean(values, np.isfinite(values), n, empty=np.inf)
-    mean = _mean(values, samples["weight"] > 0, n, empty=0.0)
+        there = np.isfinite(values)
+        return np.where(_sum(there, n) > 0, _mean(np.where(there, values, 0), there, n), np.inf)
+    mean = _mean(values, samples["weight"] > 0, n)
     return _normalized(mean) if name == "N" else mean
 
 
@@ -143,12 +144,10 @@ def _sum(values: NDArray[Any], n: int) -> NDArray[np.float64]:
     return across
 
 
-def _mean(values: NDArray[Any], there: NDArray[np.bool_], n: int, empty: float) -> NDArray[np.float64]:
-    """Return the mean over those of n x n samples that are `there`, (H, W) bool; `empty` where none is."""
-    there, shape = there.reshape(*there.shape, *(1,) * (values.ndim - 2)), values.shape[2:]
-    number = _sum(there, n)
-    mean = _sum(np.where(there, values, 0), n) / np.maximum(number, 1)
-    return np.where(np.broadcast_to(number > 0, (*number.shape[:2], *shape)), mean, empty)
+def _mean(values: NDArray[Any], there: NDArray[np.bool_], n: int) -> NDArray[np.float64]:
+    """Return the mean over those of n x n samples that are `there`, (H, W) bool; 0 where none is, as all others are."""
+    number = np.maximum(_sum(there, n), 1)
+    return _sum(values, n) / number.reshape(*number.shape, *(1,) * (values.ndim - 2))
 
 
 def _least(values: NDArray[Any], n: int) -> NDArray[Any]:
