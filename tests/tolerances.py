@@ -223,3 +223,17 @@ and meet a corner less closely than that (seen: 5e-4 with samples on the rim and
 
 FEATURE_SPILL = 2e-6
 """How far a splat may reach over an edge: features.lines.LEAST_CUT of a radius below 1, twice."""
+# ---- supersampling
+
+SUPERSAMPLED_ROUNDING = 1e-6
+"""Means of float32 numbers of about 1, summed in another order, rounded to float32: an ulp; a few more for normals, as
+random ones nearly cancel."""
+
+SUPERSAMPLED = WEIGHT_RELATIVE
+"""Means over the samples of a pixel err no more than the worst of them."""
+
+SUPERSAMPLED_COLOR = 1e-4
+"""Phong's power multiplies the error of a normal (RESOLVED) by the shininess, 32."""
+
+SUPERSAMPLED_MASKED = 0.04
+"""MASKED_OTHERWISE for each of the 2 x 2 samples."""
