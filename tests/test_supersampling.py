@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from agreement import scene
+from cli_stub import run, stub
 from scenes import CAMERAS, EPSILON
 from tolerances import MARGIN_UNITS, SUPERSAMPLED, SUPERSAMPLED_COLOR, SUPERSAMPLED_MASKED, SUPERSAMPLED_ROUNDING
 
@@ -15,6 +16,8 @@ from splatcl.camera import MAX_SIZE
 from splatcl.io.png import to_srgb8
 from splatcl.render import _draw
 from splatcl.supersampling import MIN_SAMPLES, blocks, box_filtered, supersampled
+
+__all__ = ["stub"]  # a fixture
 
 NONE = 0xFFFFFFFF
 SETTINGS = RenderSettings(epsilon=EPSILON)
@@ -231,3 +234,12 @@ def test_what_is_of_samples_is_refused(renderer):
     for ask in (frame.add_margin, frame.add_envelope, frame.check, lambda: frame.probe(0, 0), lambda: frame["margin"]):
         with pytest.raises(SplatclError, match=r"means of 16 samples each; render with supersampling=1"):
             ask()
+
+
+@pytest.mark.parametrize("option", ["--check", "--margin", "--envelope"])
+def test_the_command_line_refuses_before_it_renders(stub, capsys, option):
+    status, _, err = run(capsys, f"render s.ply -o o.exr --supersampling 3 {option}")
+    assert (status, stub.calls) == (2, []) and len(err) == 1
+    assert err[0].endswith("--check, --margin and --envelope are of single samples: leave out --supersampling")
+    status, _, err = run(capsys, "render s.ply -o o.exr --supersampling 3")
+    assert (status, err, stub.calls[0][2].supersampling) == (0, [], 3)
