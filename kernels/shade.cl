@@ -39,11 +39,21 @@ static inline void store3(global real *out, long p, reals3 v, int lane)
   out[3 * p + 2] = LANE_OF(v.z, lane);
 }
 
+// GLOSS: bit 0 and 1 say that the first or second of the three channels of `gloss` stands for the material's specular
+// coefficient or shininess.
 kernel void shade(constant View *view, constant Shading *shading, constant PhongLight *lights, GBUFFER,
-                  global real *color)
+                  global const real *gloss, global real *color)
 {
   PIXELS;
-  const Surface s = surface_at(view, x, y, p, depth, weight_sum, color_sum, normal_sum, depth_sum);
+  Surface s = surface_at(view, x, y, p, depth, weight_sum, color_sum, normal_sum, depth_sum);
+  s.specular = (reals)shading->specular;
+  s.shininess = (reals)shading->shininess;
+#if GLOSS & 1
+  s.specular = (reals)EACH_LANE(X, gloss);
+#endif
+#if GLOSS & 2
+  s.shininess = (reals)EACH_LANE(Y, gloss);
+#endif
   const reals3 zero = {R(0.0), R(0.0), R(0.0)};
   const reals3 rgb = ANY(s.covered) ? select3(zero, shade_surface(&s, shading, lights), s.covered) : zero;
   for (int lane = 0; lane < num; ++lane) {

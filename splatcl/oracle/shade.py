@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.lights import Light
-from splatcl.oracle.raster import DepthBuffer, GBuffer
 from splatcl.oracle.rays import Array, _image, _normalize, _ray_length, _rays
 from splatcl.settings import RenderSettings
 
+if TYPE_CHECKING:
+    from splatcl.oracle.raster import DepthBuffer, GBuffer
 
-def shade(gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
-    """Resolve the G-buffer and light each pixel once.
+
+def shade(
+    gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: RenderSettings, gloss: Array | None = None
+) -> dict[str, Array]:
+    """Resolve the G-buffer and light each pixel once; `gloss` (H, W, 2) is specular and shininess of each pixel.
 
     Returns
     -------
@@ -30,16 +36,10 @@ def shade(gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: Render
     z_covered = np.where(covered, z, 0.0)[..., None]
     if camera.projection == "perspective":
         position = z_covered * s
-        to_eye = _normalize(-position)
     else:
         position = np.where(covered[..., None], np.concatenate([s[..., :2], z_covered], axis=-1), 0.0)
-        to_eye = np.broadcast_to([0.0, 0.0, -1.0], s.shape)
-    if settings.shader == "albedo":
-        rgb = albedo
-    elif settings.shader == "normal":
-        rgb = 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
-    else:
-        rgb = _phong(position, normal, albedo, to_eye, camera, settings)
+    was_lit = settings.shading != "deferred"  # before it was blended
+    rgb = albedo if was_lit else shade_points(position, normal, albedo, camera, settings, gloss)
     rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
     return {
         "color": np.where(covered[..., None], rgba, 0.0),
@@ -51,11 +51,33 @@ def shade(gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: Render
     }
 
 
+def shade_points(
+    position: Array, normal: Array, albedo: Array, camera: Camera, settings: RenderSettings, gloss: Array | None = None
+) -> Array:
+    """(..., 3) linear RGB of points of a surface, each by itself; `gloss` as for `shade`, (..., 2)."""
+    if settings.shader == "albedo":
+        return albedo
+    if settings.shader == "normal":
+        return 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
+    to_eye = _normalize(-position)
+    if camera.projection == "orthographic":
+        to_eye = np.broadcast_to([0.0, 0.0, -1.0], position.shape)
+    return _phong(position, normal, albedo, to_eye, camera, settings, gloss)
+
+
 def _phong(
-    position: Array, normal: Array, albedo: Array, to_eye: Array, camera: Camera, settings: RenderSettings
+    position: Array,
+    normal: Array,
+    albedo: Array,
+    to_eye: Array,
+    camera: Camera,
+    settings: RenderSettings,
+    gloss: Array | None,
 ) -> Array:
     """(H, W, 3) albedo (ambient + diffuse sum max(N.L, 0)) + specular sum max(R.V, 0)^shininess."""
     material = settings.material
+    strength: Array | float = material.specular if gloss is None else gloss[..., :1]
+    shininess: Array | float = material.shininess if gloss is None else gloss[..., 1:]
     diffuse, specular = np.zeros(normal.shape), np.zeros(normal.shape)
     for light in settings.lights:
         to_light = _to_light(light, position, to_eye, camera)
@@ -63,8 +85,8 @@ def _phong(
         mirrored = 2 * n_l * normal - to_light
         r_v = np.maximum((mirrored * to_eye).sum(axis=-1, keepdims=True), 0.0)
         diffuse += np.maximum(n_l, 0.0) * light.color
-        specular += np.where(n_l > 0, r_v**material.shininess, 0.0) * light.color
-    return albedo * (material.ambient + material.diffuse * diffuse) + material.specular * specular
+        specular += np.where(n_l > 0, r_v**shininess, 0.0) * light.color
+    return albedo * (material.ambient + material.diffuse * diffuse) + strength * specular
 
 
 def _to_light(light: Light, position: Array, to_eye: Array, camera: Camera) -> Array:
