@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.camera import Camera
-from splatcl.lights import Light
-from splatcl.passes import BEHIND, EVERY, Passes, rotated
+from splatcl.passes import BEHIND, EVERY, Passes
 from splatcl.resident import PLANE_PAD, ResidentSplats
 from splatcl.settings import RenderSettings
+from splatcl.shading import resolve as resolve
+from splatcl.shading import shade as shade
 
 MAX_CHUNKS = 64
 MIN_CHUNK = 1024
@@ -234,50 +234,6 @@ def fragment_arguments(passes: Passes, epsilon: float) -> tuple[tuple[Any, ...],
         passes.constant(table), len(table),
     )  # fmt: skip
     return arguments, {"PREFILTER": int(settings.prefilter == "min"), "KERNEL": int(kernel)}
-
-
-def shade(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> Any:
-    """Return the (H, W, 4) linear RGBA buffer, shaded once per pixel (kernels/shade.cl)."""
-    settings, lights = passes.settings, passes.settings.lights
-    shading = np.zeros(1, passes.dtypes["Shading"])
-    for name in ("ambient", "diffuse", "specular", "shininess"):
-        shading[name] = getattr(settings.material, name)
-    shading["num_lights"] = len(lights)
-    eye_lights = [_eye_light(light, passes.camera) for light in lights or (Light(),)]
-    structs = (passes.constant(shading), passes.constant(np.array(eye_lights, passes.dtypes["PhongLight"])))
-    color = passes.image(4)
-    _run_shade(passes, "shade", view, *structs, *_sums(depth, gbuffer), color)
-    return color
-
-
-def resolve(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> dict[str, Any]:
-    """Return buffers of what the sums say of the surface: P, N, albedo, depth.mean, depth.distance."""
-    surface = {"P": 3, "N": 3, "albedo": 3, "depth.mean": 1, "depth.distance": 1}
-    buffers = {name: passes.image(channels) for name, channels in surface.items()}
-    _run_shade(passes, "resolve", view, *_sums(depth, gbuffer), *buffers.values())
-    return buffers
-
-
-def _run_shade(passes: Passes, kernel: str, *args: Any) -> None:
-    size = (-(-passes.camera.width // passes.lanes), passes.camera.height)
-    passes.run(kernel, size, *args, SHADER=f'"{passes.settings.shader}.h"')
-
-
-def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:
-    return depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum
-
-
-def _eye_light(light: Light, camera: Camera) -> tuple[float, ...]:
-    """Fields of PhongLight: a position (is_point 1) or the direction toward the light, in eye space."""
-    rotation, vector = camera.eye_from_world[:3, :3], np.array(light.vector, np.float64)
-    if light.kind == "headlight":
-        is_point, eye = camera.projection == "perspective", np.zeros(3)
-        eye[2] = 0.0 if is_point else -1.0
-    elif light.kind == "point":
-        is_point, eye = True, rotated(rotation, vector) + camera.eye_from_world[:3, 3]
-    else:
-        is_point, eye = False, rotated(rotation, vector / np.sqrt((vector * vector).sum()))
-    return (*eye, float(is_point), *light.color)
 
 
 def effective_settings(settings: RenderSettings, oriented: bool) -> RenderSettings:

@@ -129,14 +129,17 @@ class Renderer:
 
     def prepare(self, resident: Resident, camera: Camera, settings: RenderSettings) -> tuple[Passes, ResidentSplats]:
         """Return what every pass of one frame needs, and the splats on the device. For functions given to `call`."""
-        device = self.device
-        if settings.precision == "double" and not self.supports_double:
-            raise DeviceError(f"{device.info.name} has no double precision; choose another device")
+        passes, device = self.passes(camera, settings), self.device
         key = (device, settings.precision)
         if key not in resident._on_device:
             resident._on_device[key] = upload(device, resident.splats, settings.precision)
-        passes = Passes(device, camera, settings, self._arguments[1], settings.precision)
         return passes, resident._on_device[key]
+
+    def passes(self, camera: Camera, settings: RenderSettings) -> Passes:
+        """Return what every pass of one frame needs. For functions given to `call`."""
+        if settings.precision == "double" and not self.supports_double:
+            raise DeviceError(f"{self.device.info.name} has no double precision; choose another device")
+        return Passes(self.device, camera, settings, self._arguments[1], settings.precision)
 
 
 def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> Frame:
@@ -151,7 +154,7 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
             projected = pipeline.project(passes, view, on_device, lists, layer)
             pipeline.visibility(passes, lists, projected, depth, layer)
         pipeline.attributes(passes, view, lists, projected, depth, epsilon, gbuffer)
-    color = pipeline.shade(passes, view, depth, gbuffer)
+    color = pipeline.shade(passes, view, depth, gbuffer, epsilon)
     aovs = DeviceAovs(passes, view, depth, gbuffer, color)
     metadata = {
         "epsilon": epsilon,

@@ -53,7 +53,7 @@ from splatcl.oracle.rays import (
     _rays,
     _s_center,
 )
-from splatcl.oracle.shade import _phong, _to_light, shade
+from splatcl.oracle.shade import _phong, _to_light, color, shade
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
@@ -94,6 +94,7 @@ __all__ = [
     "attributes",
     "auto_epsilon",
     "bin",
+    "color",
     "passes",
     "project",
     "render",
@@ -117,7 +118,7 @@ def passes(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
     depth = visibility(projected, camera, settings)
     gbuffer = attributes(projected, depth, camera, settings, epsilon, splats.color)
     return {
-        **shade(gbuffer, depth, camera, settings),
+        **shade(gbuffer, depth, camera, settings, epsilon),
         "Z": depth.depth,
         "weight": gbuffer.weight_sum,
         "count": gbuffer.count,

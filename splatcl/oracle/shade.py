@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from splatcl.camera import Camera
+from splatcl.errors import SettingsError
 from splatcl.lights import Light
 from splatcl.oracle.raster import DepthBuffer, GBuffer
 from splatcl.oracle.rays import Array, _image, _normalize, _ray_length, _rays
 from splatcl.settings import RenderSettings
 
 
-def shade(gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
-    """Resolve the G-buffer and light each pixel once.
+def shade(
+    gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: RenderSettings, epsilon: float = 0.0
+) -> dict[str, Array]:
+    """Resolve the G-buffer and light each pixel once; `epsilon`, scene units, is for contours alone.
 
     Returns
     -------
@@ -30,25 +33,88 @@ def shade(gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: Render
     z_covered = np.where(covered, z, 0.0)[..., None]
     if camera.projection == "perspective":
         position = z_covered * s
-        to_eye = _normalize(-position)
     else:
         position = np.where(covered[..., None], np.concatenate([s[..., :2], z_covered], axis=-1), 0.0)
-        to_eye = np.broadcast_to([0.0, 0.0, -1.0], s.shape)
-    if settings.shader == "albedo":
-        rgb = albedo
-    elif settings.shader == "normal":
-        rgb = 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
-    else:
-        rgb = _phong(position, normal, albedo, to_eye, camera, settings)
-    rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
     return {
-        "color": np.where(covered[..., None], rgba, 0.0),
+        "color": color(position, normal, albedo, covered, camera, settings, epsilon),
         "P": position,
         "N": normal,
         "albedo": albedo,
         "depth.mean": mean,
         "depth.distance": z * _ray_length(camera, s),
     }
+
+
+def color(
+    position: Array,
+    normal: Array,
+    albedo: Array,
+    covered: Array,
+    camera: Camera,
+    settings: RenderSettings,
+    epsilon: float = 0.0,
+) -> Array:
+    """(H, W, 4) linear RGBA of the AOVs P, N and albedo (H, W, 3) where `covered` (H, W); the rest as for `shade`."""
+    if settings.shader == "user":
+        raise SettingsError("the oracle cannot run a user's shader, which is OpenCL C")
+    if camera.projection == "perspective":
+        to_eye = _normalize(-position)
+    else:
+        to_eye = np.broadcast_to([0.0, 0.0, -1.0], position.shape)
+    if settings.shader == "albedo":
+        rgb = albedo
+    elif settings.shader == "normal":
+        rgb = 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
+    elif settings.shader == "depth":
+        rgb = np.repeat(_nearness(position[..., 2], covered, camera)[..., None], 3, axis=-1)
+    elif settings.shader == "npr":
+        rgb = _npr(position, normal, albedo, to_eye, covered, camera, settings, epsilon)
+    else:
+        rgb = _phong(position, normal, albedo, to_eye, camera, settings)
+    rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
+    return np.where(covered[..., None], rgba, 0.0)
+
+
+def _nearness(z: Array, covered: Array, camera: Camera) -> Array:
+    """(H, W) near / z; orthographic w / (w + z - near), w the image's width in scene units."""
+    if camera.projection == "perspective":
+        return camera.near / np.where(covered, z, 1.0)
+    width = camera.width / camera.fx
+    return width / np.where(covered, width + z - camera.near, 1.0)
+
+
+def _npr(
+    position: Array,
+    normal: Array,
+    albedo: Array,
+    to_eye: Array,
+    covered: Array,
+    camera: Camera,
+    settings: RenderSettings,
+    epsilon: float,
+) -> Array:
+    """(H, W, 3) albedo times the tone that the diffuse light chooses, or the line's colour."""
+    npr, light = settings.npr, np.zeros(normal.shape)
+    for one in settings.lights:
+        n_l = (normal * _to_light(one, position, to_eye, camera)).sum(axis=-1, keepdims=True)
+        light += np.maximum(n_l, 0.0) * one.color
+    place = np.floor(np.clip(light, 0.0, 1.0) * len(npr.tones)).astype(int)
+    tone = np.array(npr.tones)[np.minimum(place, len(npr.tones) - 1)]
+    jump = _jumps(np.where(covered, position[..., 2], np.inf))
+    contour = 4 * epsilon if npr.contour == "auto" else npr.contour
+    line = (jump > contour) | ((normal * to_eye).sum(axis=-1) < npr.silhouette)
+    return np.where(line[..., None], npr.line, albedo * tone)
+
+
+def _jumps(z: Array) -> Array:
+    """(H, W) the greatest difference between a pixel's z and one of its 3x3 neighbourhood's; inf beside nothing."""
+    height, width = z.shape
+    jump = np.zeros(z.shape)
+    for y in range(height):
+        for x in range(width):
+            around = z[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
+            jump[y, x] = np.abs(around - z[y, x]).max() if np.isfinite(z[y, x]) else np.inf
+    return jump
 
 
 def _phong(
