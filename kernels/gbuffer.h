@@ -74,22 +74,37 @@ static inline Surface surface_at(const Pixels *at)
 #endif
 }
 
+// Eye z from what the images hold of it: `depth`, where a disc was hit, else the mean of `depth_sum` (sums alone).
+static inline reals depth_of(reals depth, reals weights, reals depth_sums)
+{
+#if !RESOLVED
+  const masks unhit = MASK(depth == (real)INFINITY);  // only the pre-filter landed, or nothing
+  if (ANY(unhit)) depth = SELECT(depth, divide(depth_sums, weights), unhit);
+#endif
+  return SELECT((real)INFINITY, depth, MASK(weights > R(0.0)));
+}
+
 // Eye z of the surface at the neighbours dx, dy, +inf where nothing is.
 static inline reals depths_at(const Pixels *at, int dx, int dy)
 {
   const GBuffer g = at->from;
+  const int x = at->x + dx, y = at->y + dy, width = at->view->width;
+#if !RESOLVED
+  if ((x >= 0) & (x + LANES <= width) & (at->x + LANES <= width) & (y >= 0) & (y < at->view->height)) {
+    const long first = (long)y * width + x;  // numbers side by side
+#define NEXT(lane, values) values[first + lane]
+    return depth_of((reals)EACH_LANE(NEXT, g.depth), (reals)EACH_LANE(NEXT, g.weight_sum),
+                    (reals)EACH_LANE(NEXT, g.depth_sum));
+#undef NEXT
+  }
+#endif
   long p[LANES];
   places(at, dx, dy, p);
 #if RESOLVED
-  const reals weights = PLANES(g.weight);
-  const reals z = (reals)EACH_LANE(Z, g.position);
+  return depth_of((reals)EACH_LANE(Z, g.position), PLANES(g.weight), R(0.0));
 #else
-  const reals weights = PLANES(g.weight_sum);
-  reals z = PLANES(g.depth);
-  const masks unhit = MASK(z == (real)INFINITY) & MASK(weights > R(0.0));  // only the pre-filter landed
-  if (ANY(unhit)) z = SELECT(z, divide(PLANES(g.depth_sum), weights), unhit);
+  return depth_of(PLANES(g.depth), PLANES(g.weight_sum), PLANES(g.depth_sum));
 #endif
-  return SELECT((real)INFINITY, z, MASK(weights > R(0.0)));
 }
 
 // Their normals, 0 where nothing is.
