@@ -6,9 +6,10 @@
 #include "splat.h"
 #include "lanes.h"
 #include "transpose.h"
+#include "extra.h"
 #include "fragment.h"
 
-kernel void accounting(constant View *view, global const ProjectedSplat *records,
+kernel void accounting(constant View *view, global const ProjectedSplat *records, global const ProjectedExtra *extra,
                        global const SplatAttributes *attributes, global const short4 *boxes, const int num_records,
                        const int chunk_size, const real epsilon, const int along_ray, const real inverse_radius2,
                        global const real *depth, global ulong *num_fragments)
@@ -20,11 +21,13 @@ kernel void accounting(constant View *view, global const ProjectedSplat *records
     const SplatAttributes a = attributes[i];
     const discs d = disc_of(&s);
     const prefilters p = prefilter_of(&s, &a);
+    extras e;
+    load_one_footprint(&e, extra, i);
     const short4 box = boxes[i];  // x_min, y_min, x_max, y_max
     for (int y = box.y; y <= box.w; ++y)
       for (int x = box.x; x <= box.z; ++x) {
         const hit h = intersect(&d, (reals)x, (reals)y);
-        const fragment f = filter(&d, &p, &h, view->near, view->far, inverse_radius2);
+        const fragment f = filter(&d, &p, &e, &h, view->near, view->far, inverse_radius2);
         const real z = depth[(long)y * view->width + x];
         if (f.exists && f.z <= farthest_accepted(view, (reals)x, (reals)y, z, epsilon, along_ray)) ++total;
       }

@@ -15,6 +15,7 @@
 #define NEAR_SLACK R(1.1e-5)              // of the distance from the principal point: as project.cl has it, cut at near
 #define PIXEL_SLACK R(0.03125)
 #define CULL 2
+#define AFFINE 1  // of ELLIPSE (extra.h)
 
 // A disc whose depth is sure: not steeper, with tangents not more parallel (squares of the cosine and the sine), and not
 // deeper, as a share of its centre's z. DEPTH_SLACK, of its extent, and DISTANCE_SLACK, of |c|, are far more than its
@@ -48,6 +49,8 @@ typedef struct {
   real around;     // radius of the pre-filter, pixels
 } places;
 
+static inline real at_least_of(real a, real b) { return a > b ? a : b; }
+
 // Where a disc within `reach` of `center` lies, from the principal point.
 static inline range disc_pixels(const places *s, reals center, reals reach, real focal)
 {
@@ -59,10 +62,14 @@ static inline range disc_pixels(const places *s, reals center, reals reach, real
   return r;
 }
 
-// Pixels of a disc, with `slack` for its tilt, and of its pre-filter.
-static inline range pixels(const places *s, range disc, reals slack, reals center, real focal, real principal)
+// Pixels of a disc, with `slack` for its tilt, and of its pre-filter; or of an affine map's ellipse, which may reach `spread` in
+// the plane of the centre.
+static inline range pixels(const places *s, range disc, reals slack, reals center, reals spread, real focal, real principal)
 {
   reals middle = center * focal, off = s->error * focal;
+#if ELLIPSE == AFFINE
+  off = off + spread * focal;
+#endif
 #if !ORTHOGRAPHIC
   const reals inverse = divide(R(1.0), s->center.z);
   middle = middle * inverse;
@@ -95,7 +102,7 @@ static inline masks surely_away(reals3 tu, reals3 tv, reals3 c, reals error)
   return MASK(dot3(g, c) > size * (length1(c) * FACING_SLACK + error * R(2.0)));
 }
 
-// The pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
+// The window's pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
 typedef struct {
   range x, y;
   reals near_z;
@@ -126,7 +133,7 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   if (!ANY(*alive)) return t;
   const masks in_front = MASK(c.z + error >= near);
   places s = {c, error, c.z - deep, c.z + deep, in_front, view->prefilter_radius};
-  if (!view->prefilter) s.filtered = 0;
+  if (!(view->prefilter | ELLIPSE)) s.filtered = 0;
   reals wide = square_root(tu.x * tu.x + tv.x * tv.x), high = square_root(tu.y * tu.y + tv.y * tv.y);
 #if !ORTHOGRAPHIC
   // Only a disc that comes nearer to the eye plane than that is cut at near (project.cl, CLEAR).
@@ -135,10 +142,20 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
 #endif
   range x = disc_pixels(&s, c.x, wide, view->fx_hi), y = disc_pixels(&s, c.y, high, view->fy_hi);
   const reals slack = at_least(x.last - x.first, y.last - y.first) * TILT_SLACK;
-  x = pixels(&s, x, slack, c.x, view->fx_hi, view->cx_hi);
-  y = pixels(&s, y, slack, c.y, view->fy_hi, view->cy_hi);
-  if (view->prefilter_at_bounds) {  // its centre may be anywhere in them
-    const reals around = (reals)(view->prefilter_radius + PIXEL_SLACK);
+  reals spread_x = R(0.0), spread_y = R(0.0);
+#if ELLIPSE == AFFINE && ORTHOGRAPHIC
+  spread_x = wide;
+  spread_y = high;
+#elif ELLIPSE == AFFINE
+  const reals lean = divide(deep, magnitude(c.z));
+  spread_x = wide + magnitude(c.x) * lean;
+  spread_y = high + magnitude(c.y) * lean;
+#endif
+  x = pixels(&s, x, slack, c.x, spread_x, view->fx_hi, view->cx_hi - (real)view->first_column);
+  y = pixels(&s, y, slack, c.y, spread_y, view->fy_hi, view->cy_hi - (real)view->first_row);
+  const int around_bounds = view->prefilter_at_bounds | (view->low_pass_reach > R(0.0));
+  if (around_bounds) {  // its centre may be anywhere in them
+    const reals around = (reals)(at_least_of(view->prefilter_radius, view->low_pass_reach) + PIXEL_SLACK);
     x = (range){x.first - around, x.last + around};
     y = (range){y.first - around, y.last + around};
   }

@@ -1,4 +1,4 @@
-// Near is bright: near/z, or, orthographic, w / (w + z - near) with w the image's width in scene units.
+// Near is bright: near / z; orthographic (far - z) / (far - near), or 1 / (1 + z - near) where far is infinite.
 
 #define TAKES_PIXELS
 
@@ -7,8 +7,9 @@ static inline reals3 shade_pixels(const Surface *s, constant Shading *shading, c
 {
   const reals z = s->position.z;
 #if ORTHOGRAPHIC
-  const reals width = divide((reals)(real)at->view->width, (reals)at->view->fx_hi);
-  const reals grey = divide(width, width + (z - at->view->near));
+  const real near = at->view->near, far = at->view->far;
+  const reals grey =
+      far < (real)INFINITY ? divide(far - z, (reals)(far - near)) : divide((reals)R(1.0), R(1.0) + (z - near));
 #else
   const reals grey = divide((reals)at->view->near, z);
 #endif

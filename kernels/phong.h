@@ -15,8 +15,8 @@ static inline reals3 shade_surface(const Surface *s, constant Shading *shading, 
     const reals3 diffuse = scale3(tint, n_l * shading->diffuse);
     reals3 sum = add3(color, (reals3){diffuse.x * s->albedo.x, diffuse.y * s->albedo.y, diffuse.z * s->albedo.z});
     const reals3 mirrored = add3(scale3(s->normal, R(2.0) * n_l), scale3(to_light, R(-1.0)));
-    const reals shine = power(at_most(dot3(mirrored, s->to_eye), R(1.0)), shading->shininess);
-    sum = add3(sum, scale3(tint, shading->specular * shine));
+    const reals shine = power(at_most(dot3(mirrored, s->to_eye), R(1.0)), s->shininess);
+    sum = add3(sum, scale3(tint, s->specular * shine));
     color = select3(color, sum, lit);
   }
   return color;

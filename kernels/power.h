@@ -14,10 +14,10 @@ static inline reals log_positive(reals x)
   return real_of(e) * R(0.6931471805599453) + R(2.0) * f * series;
 }
 
-static inline reals power(reals x, real s)
+static inline reals power(reals x, reals s)
 {
-  if (s == R(0.0)) return (reals)R(1.0);
   const reals exponent = s * log_positive(x);
   const masks tiny = ~MASK(x > R(1e-30)) | MASK(exponent < R(-80.0));
-  return SELECT(exp_negative(SELECT(R(0.0), exponent, MASK(exponent < R(0.0)))), R(0.0), tiny);
+  const reals result = SELECT(exp_negative(SELECT(R(0.0), exponent, MASK(exponent < R(0.0)))), R(0.0), tiny);
+  return SELECT(result, R(1.0), MASK(s == R(0.0)));
 }

@@ -8,9 +8,15 @@
 #include "eye.h"
 #include "lanes.h"
 #include "transpose.h"
+#include "splat.h"
+#include "extra.h"
 #include "projected.h"
 #include "bounds.h"
 #include "clue.h"
+#if SHADING == PER_SPLAT
+#include "surface.h"
+#include SHADER
+#endif
 
 #define EVERY 0
 #define FRONT 1
@@ -25,6 +31,13 @@
 #define TILTED R(0.03125)             // |cos(tilt)| below which a splat's coefficients need twice the precision
 #define DEEP R(0.25)                 // a disc that reaches deeper than this share of its centre's z
 #define CLEAR R(1e-4)                // a disc whose least z is below this share of its centre's has no finite bounds
+
+#if ELLIPSE
+#include "ellipse.h"
+#endif
+#if EXTRA
+#include "extend.h"
+#endif
 
 #define KEEP 0
 #define FLIP 1
@@ -185,7 +198,18 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   reals slack = size * (SLACK_SIZE + SLACK_TILT * lean) + SLACK_PIXELS;
   const real near = view->near - magnitude_of(view->near) * R(1e-5), far = view->far + magnitude_of(view->far) * R(1e-5);
   masks hittable = ~edge_on & MASK(c.z + reach >= near) & MASK(c.z - reach <= far);
-  const bounds disc = bounds_of(ex, ey, slack, hittable & ~culled);
+#if ELLIPSE
+  ellipse e = ellipse_of(view, c, tu, tv, g, reach);
+  e.exists &= ~edge_on;
+  extent shape_x = {center_x + e.x, square_root(e.xx)}, shape_y = {center_y + e.y, square_root(e.yy)};
+  extent filtered_x, filtered_y;
+  filter_ellipse(view, &e, center_x, center_y, &s.extra, &filtered_x, &filtered_y);
+  slack = at_least(filtered_x.reach, filtered_y.reach) * (SLACK_SIZE + SLACK_TILT * lean) + SLACK_PIXELS;
+  const bounds disc = bounds_of(shape_x, shape_y, slack, e.exists & ~culled);
+  const bounds covered = bounds_of(filtered_x, filtered_y, slack, e.exists & ~culled);
+#else
+  const bounds disc = bounds_of(ex, ey, slack, hittable & ~culled), covered = disc;
+#endif
   s.disc = pixels_of(view, &s, &disc);
 
   // The pre-filter's disc around the projected centre, or around the centre of those bounds.
@@ -195,15 +219,50 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   s.prefilter_x = SELECT(center_x, ex.middle, at_bounds);
   s.prefilter_y = SELECT(center_y, ey.middle, at_bounds);
   const extent filter_x = {s.prefilter_x, view->prefilter_radius}, filter_y = {s.prefilter_y, view->prefilter_radius};
-  const bounds drawn = around_both(disc, bounds_of(filter_x, filter_y, SLACK_PIXELS, filtered & ~culled));
+  const bounds drawn = around_both(covered, bounds_of(filter_x, filter_y, SLACK_PIXELS, filtered & ~culled));
   s.drawn = pixels_of(view, &s, &drawn);
   s.prefilter_x = SELECT(NOWHERE, s.prefilter_x, filtered);
   s.prefilter_y = SELECT(NOWHERE, s.prefilter_y, filtered);
 
-  s.near_z = at_least(least_depth(&s), view->near);
-  s.near_z = SELECT(s.near_z, at_most(s.near_z, c.z), filtered);  // where only the pre-filter accepts
+  s.near_z = at_least(least_depth(view, &s), view->near);
+  s.near_z = SELECT(s.near_z, at_most(s.near_z, c.z), ELLIPSE ? (masks)-1 : filtered);  // where the ray misses the disc
+#if EXTRA || SHADING == PER_SPLAT
+  s.center = c;
+  s.turned = MASK(facing_dot >= R(0.0)) & (masks)(view->facing == FLIP ? -1 : 0);
+#endif
   return s;
 }
+
+#if SHADING == PER_SPLAT
+#define LIGHTS , constant Shading *shading, constant PhongLight *lights
+
+// The splats' colours, lit at their centres ([BK03]).
+static inline reals3 lit_color(const projected *s, reals3 color, constant Shading *shading, constant PhongLight *lights)
+{
+  Surface p;
+  p.position = s->center;
+  p.normal.x = s->normal_x;
+  p.normal.y = s->normal_y;
+  p.normal.z = s->normal_z;
+  p.albedo = color;
+  p.to_eye.x = p.to_eye.y = R(0.0);
+  p.to_eye.z = R(-1.0);
+#if !ORTHOGRAPHIC
+  p.to_eye = normalize3(scale3(s->center, R(-1.0)));
+#endif
+  p.specular = (reals)shading->specular;
+  p.shininess = (reals)shading->shininess;
+#if GLOSS
+  p.specular = SELECT(p.specular, s->extra.specular, MASK(s->extra.specular == s->extra.specular));
+  p.shininess = SELECT(p.shininess, s->extra.shininess, MASK(s->extra.shininess == s->extra.shininess));
+#endif
+  p.mean_depth = p.distance = s->center.z;
+  p.covered = (masks)-1;
+  return shade_surface(&p, shading, lights);
+}
+#else
+#define LIGHTS
+#endif
 
 // The lists lead to splats in any order, which caches do not hold: ask for each both of its cache lines AHEAD entries
 // before. (Waiting for them took half of the projection's time; prefetch() does nothing in PoCL.)
@@ -237,9 +296,10 @@ static inline int entries_of_layer(global const int *clues, int begin, int end, 
 // A record for each entry of the tile lists that LAYER names: EVERY one; those in FRONT; or those BEHIND that are not
 // hidden (hide.cl). Of the others near_z says that there are no pixels.
 kernel void project(constant View *view, global const Splat *splats, global const real *center_low,
-                    global const int *ids, global const int *clues, const int first, const int num_entries,
-                    global ProjectedSplat *records, global SplatAttributes *attributes, global uint2 *boxes_drawn,
-                    global real *disc_near_z, global real *near_z)
+                    global const SplatExtra *extra_in, global const int *ids, global const int *clues, const int first,
+                    const int num_entries, global ProjectedSplat *records, global SplatAttributes *attributes,
+                    global uint2 *boxes_drawn, global real *disc_near_z, global real *near_z,
+                    global ProjectedExtra *extra LIGHTS)
 {
   const outputs to = {records, attributes, boxes_drawn, disc_near_z, near_z};
   const int begin = get_global_id(0) * ENTRIES, end = least(begin + ENTRIES, num_entries);
@@ -262,13 +322,21 @@ kernel void project(constant View *view, global const Splat *splats, global cons
     LOAD_EIGHT(a, global, splats + ids[entry[lane]]);
     LOAD_EIGHT(b, global, &splats[ids[entry[lane]]].uy);  // words 4 to 11
     const reals3 world = {a.v[0], a.v[1], a.v[2]}, tu = {a.v[3], b.v[0], b.v[1]};
-    const reals3 tv = {b.v[2], b.v[3], b.v[4]}, color = {b.v[5], b.v[6], b.v[7]};
+    const reals3 tv = {b.v[2], b.v[3], b.v[4]};
+    reals3 color = {b.v[5], b.v[6], b.v[7]};
 #if CENTER_LOW
     const reals3 world_low = {(reals)EACH_LANE(LOW, 0), (reals)EACH_LANE(LOW, 1), (reals)EACH_LANE(LOW, 2)};
 #else
     const reals3 world_low = world;
 #endif
-    const projected s = project_splats(view, world, world_low, tu, tv);
+    projected s = project_splats(view, world, world_low, tu, tv);
+#if EXTRA
+    extend(view, &s, extra_in, ids, entry);
+    store_extras(extra, entry, least(LANES, num - i), &s);
+#endif
+#if SHADING == PER_SPLAT
+    color = lit_color(&s, color, shading, lights);
+#endif
     store_records(&to, entry, least(LANES, num - i), &s, color);
   }
 }

@@ -1,5 +1,5 @@
-// What the projection makes of LANES splats, and how it becomes their records. Needs arithmetic.h, lanes.h and
-// transpose.h.
+// What the projection makes of LANES splats, and how it becomes their records. Needs arithmetic.h, lanes.h,
+// transpose.h and extra.h.
 
 // Everything the raster passes need, LANES splats at once; the emitting loop reads it lane by lane.
 typedef struct {
@@ -8,6 +8,11 @@ typedef struct {
   reals normal_x, normal_y, normal_z, prefilter_x, prefilter_y, center_z;
   boxes disc, drawn;  // the pixels of the disc, and those of the pre-filter as well
   reals near_z;       // no fragment is nearer
+#if EXTRA || SHADING == PER_SPLAT
+  reals3 center;  // eye space
+  masks turned;   // the normal was turned toward the eye
+  extras extra;
+#endif
 } projected;
 
 // Two words of a box, as records have them: x_min and y_min, x_max and y_max, 16 bits each.

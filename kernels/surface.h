@@ -5,6 +5,7 @@
 typedef struct {
   reals3 position, normal, albedo;
   reals3 to_eye;  // unit
+  reals specular, shininess;
   reals mean_depth, distance;
   masks covered;
 } Surface;
@@ -50,5 +51,26 @@ static inline Surface resolve_surface(constant View *view, reals x, reals y, rea
   s.position = select3(zero, s.position, s.covered);
   s.albedo = select3(zero, albedo, s.covered);
   s.normal = select3(zero, normalize3(normal_sum), s.covered);
+  return s;
+}
+
+// A point of a splat itself, at depth z on a pixel's ray.
+static inline Surface surface_point(constant View *view, reals x, reals y, reals z, reals3 normal, reals3 color,
+                                    constant Shading *shading)
+{
+  const reals3 d = {ray_x(view, x), ray_y(view, y), R(1.0)};
+  Surface s;
+  s.position = ORTHOGRAPHIC ? (reals3){d.x, d.y, z} : scale3(d, z);
+  s.normal = normal;
+  s.albedo = color;
+  s.to_eye.x = s.to_eye.y = R(0.0);
+  s.to_eye.z = R(-1.0);
+#if !ORTHOGRAPHIC
+  s.to_eye = normalize3(scale3(d, R(-1.0)));
+#endif
+  s.specular = (reals)shading->specular;
+  s.shininess = (reals)shading->shininess;
+  s.mean_depth = s.distance = z;
+  s.covered = (masks)-1;
   return s;
 }

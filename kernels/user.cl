@@ -25,7 +25,7 @@ typedef struct {
 } Surface;
 
 typedef struct {
-  int width, height, num_lights;
+  int num_lights;
   float time;  // seconds
   float ambient, diffuse, specular, shininess;
   constant PhongLight *lights;
@@ -38,11 +38,26 @@ typedef struct {
 
 static inline float3 as_float3_of(reals3 v) { return (float3)((float)v.x, (float)v.y, (float)v.z); }
 
+// A pixel farther off than FARTHEST, which a window of a supersampled image may lack, is the pixel itself.
+#define FARTHEST 8
+static inline int is_near(int dx, int dy)
+{
+  return (dx >= -FARTHEST) & (dx <= FARTHEST) & (dy >= -FARTHEST) & (dy <= FARTHEST);
+}
+
 // Eye z at a neighbouring pixel, +inf where nothing is; outside the image the pixel's own.
-static inline float depth_at(const Surface s, int dx, int dy) { return (float)depths_at(&s.pixels, dx, dy); }
+static inline float depth_at(const Surface s, int dx, int dy)
+{
+  const int near = is_near(dx, dy);
+  return (float)depths_at(&s.pixels, near ? dx : 0, near ? dy : 0);
+}
 
 // The normal there, 0 where nothing is.
-static inline float3 normal_at(const Surface s, int dx, int dy) { return as_float3_of(normals_at(&s.pixels, dx, dy)); }
+static inline float3 normal_at(const Surface s, int dx, int dy)
+{
+  const int near = is_near(dx, dy);
+  return as_float3_of(normals_at(&s.pixels, near ? dx : 0, near ? dy : 0));
+}
 
 // Light i, 0 ... scene.num_lights - 1, as it arrives at s.
 static inline Light light_at(const Surface s, const Scene scene, int i)
@@ -54,7 +69,7 @@ static inline Light light_at(const Surface s, const Scene scene, int i)
 #include USER_SHADER
 
 kernel void user(constant View *view, constant Shading *shading, constant PhongLight *lights, real time, GBUFFER,
-                 global const real *attributes, global real *color)
+                 global real *color ATTRIBUTE_ARGUMENTS)
 {
   const Pixels at = {AS_GBUFFER, view, get_global_id(0), get_global_id(1)};
   const long p = (long)at.y * view->width + at.x;
@@ -67,12 +82,12 @@ kernel void user(constant View *view, constant Shading *shading, constant PhongL
     s.albedo = as_float3_of(s.exact.albedo);
     s.to_eye = as_float3_of(s.exact.to_eye);
     s.depth = (float)s.exact.position.z;
-    s.x = at.x;
-    s.y = at.y;
-    s.attribute = attributes_at(attributes, p, (long)view->width * view->height);
+    s.x = at.x + view->first_column;
+    s.y = at.y + view->first_row;
+    s.attribute = ATTRIBUTES_AT(p);
     s.pixels = at;
-    const Scene scene = {view->width, view->height, shading->num_lights, (float)time, (float)shading->ambient,
-                         (float)shading->diffuse, (float)shading->specular, (float)shading->shininess, lights};
+    const Scene scene = {shading->num_lights, (float)time, (float)shading->ambient, (float)shading->diffuse,
+                         (float)shading->specular, (float)shading->shininess, lights};
     rgba = shade(s, scene);
   }
   color[4 * p] = rgba.x;

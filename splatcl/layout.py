@@ -23,16 +23,27 @@ def _pairs(real: str, *names: str) -> list[tuple[str, str]]:
     return _reals(real, *(f"{name}_{part}" for name in names for part in ("hi", "lo")))
 
 
+_CLIPS = [f"clip{line}_{term}" for line in (0, 1) for term in "xy1"]
+
+
 def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
     """Fields of every struct; `real` is "f4" or "f8"."""
     rows = [f"r{row}{column}" for row in range(3) for column in range(3)]
     return {
-        # eye_from_world for origin-relative world coordinates, and the intrinsics, to twice the precision.
+        # eye_from_world for origin-relative world coordinates, and the intrinsics, to twice the precision; the window.
         "View": _pairs(real, *rows, "t0", "t1", "t2", "fx", "fy", "cx", "cy")
-        + _reals(real, "near", "far", "prefilter_radius", "reach")
-        + [(name, "i4") for name in ("width", "height", "facing", "prefilter", "prefilter_at_bounds")],
+        + _reals(real, "near", "far", "prefilter_radius", "reach", "low_pass", "low_pass_reach")
+        + [
+            (name, "i4")
+            for name in ("first_column", "first_row", "width", "height", "facing", "prefilter", "prefilter_at_bounds")
+        ],
         # 48 bytes: a splat in world space, relative to the origin, as the projection fetches it.
         "Splat": _reals(real, "x", "y", "z", "ux", "uy", "uz", "vx", "vy", "vz", "red", "green", "blue"),
+        # What only some methods or splats have, in world space: clip lines, normal field, gloss.
+        "SplatExtra": _reals(real, *_CLIPS, *(f"d{axis}_{k}" for axis in "uv" for k in "xyz"), "specular", "shininess"),
+        # The same of an entry of the tile lists, in eye space and raster, with its ellipse (extra.h).
+        "ProjectedExtra": _reals(real, "x", "y", "a", "b", "c", "ewa_a", "ewa_b", "ewa_c", "factor", *_CLIPS)
+        + _reals(real, *(f"d{axis}_{k}" for axis in "uv" for k in "xyz"), "specular", "shininess"),
         # 16 bytes: what a splat may touch, in quarters of tiles, ends included, column and row in 16 bits each, and a
         # depth that it is not nearer than (bin.cl, clue.h).
         "TouchedQuarters": [(name, "i4") for name in ("id", "first", "last", "near_z")],

@@ -5,7 +5,7 @@ Each launches the kernels of the file of the same name in kernels/ and returns a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from math import gcd
 from typing import Any
@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.passes import BEHIND, EVERY, Passes
+from splatcl.passes import BEHIND, EVERY, PER_FRAGMENT, PER_SPLAT, PREFILTERS, Passes
 from splatcl.resident import PLANE_PAD, ResidentSplats
 from splatcl.settings import RenderSettings
 from splatcl.shading import resolve as resolve
 from splatcl.shading import shade as shade
+from splatcl.shading import shading_structs as shading_structs
 
 MAX_CHUNKS = 64
 MIN_CHUNK = 1024
@@ -53,7 +54,8 @@ class ProjectedSplats:
     """A record for each entry of the tile lists, with the pixels of its disc and those of its pre-filter as well.
 
     `near_z` is a depth that no fragment is nearer than, `disc_near_z` the same for the disc alone and only for this
-    layer; NaN where there are no pixels, and where the entry was not projected.
+    layer; NaN where there are no pixels, and where the entry was not projected. `extra` is what methods other than
+    [BHZK05]'s need, by the build `options` (kernels/extra.h).
     """
 
     records: Any
@@ -61,6 +63,8 @@ class ProjectedSplats:
     boxes: Any
     disc_near_z: Any
     near_z: Any
+    extra: Any
+    options: Mapping[str, Any]
 
 
 @dataclass(frozen=True)
@@ -87,11 +91,12 @@ def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists
     device, num_tiles, tiles_x = passes.device, passes.num_tiles, passes.tiles_x
     chunk_size, num_chunks = chunks(splats.num_splats, num_tiles)
     spread = _spread(num_chunks)
-    options = {"LAYERED": int(len(passes.layers) > 1), "CENTER_LOW": 0}
+    layered = int(len(passes.layers) > 1)
+    options = {"LAYERED": layered, "CENTER_LOW": 0, "ELLIPSE": passes.method["ELLIPSE"]}
     listed = device.scratch("listed", splats.num_splats * passes.dtypes["TouchedQuarters"].itemsize)
     num_listed = device.scratch("num_listed", num_chunks * 4)
     tile_counts = device.scratch("tile_counts", num_chunks * num_tiles * 4)
-    tile_nearest = device.scratch("tile_nearest", options["LAYERED"] * num_chunks * num_tiles * 4)
+    tile_nearest = device.scratch("tile_nearest", layered * num_chunks * num_tiles * 4)
     passes.run(
         "bin_count", (num_chunks,), view, splats.center, splats.tangent_u, splats.tangent_v, splats.num_splats,
         splats.stride, spread, chunk_size, tiles_x, num_tiles, listed, num_listed, tile_counts, tile_nearest, **options,
@@ -106,7 +111,7 @@ def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists
     for first, last in bands(totals, MAX_LIST_ENTRIES):
         begin = starts(totals[first:last])
         ids = device.scratch("ids", int(begin[-1]) * 4)
-        clues = device.scratch("clues", options["LAYERED"] * int(begin[-1]) * 4)
+        clues = device.scratch("clues", layered * int(begin[-1]) * 4)
         passes.run(
             "bin_scatter", (num_chunks,), listed, num_listed, spread, chunk_size, tile_counts, passes.constant(begin),
             ids, layer_ends, clues, tiles_x, num_tiles, first, last, **options,
@@ -168,13 +173,18 @@ def project(passes: Passes, view: Any, splats: ResidentSplats, lists: TileLists,
         "disc_near_z": passes.real.itemsize,
         "near_z": passes.real.itemsize,
     }
-    buffers = [passes.device.scratch(name, (num_entries + PLANE_PAD) * size) for name, size in sizes.items()]
+    options: dict[str, Any] = {**passes.method, **splats.options}
+    has_extra = any(options[name] for name in ("ELLIPSE", "FIELD", "SHADING", "CLIP", "GLOSS"))
+    sizes["extra"] = passes.dtypes["ProjectedExtra"].itemsize if has_extra else 0
+    buffers = {name: passes.device.scratch(name, (num_entries + PLANE_PAD) * size) for name, size in sizes.items()}
+    structs = shading_structs(passes) if options["SHADING"] == PER_SPLAT else ()
     passes.run(
         "project", (-(-num_entries // ENTRIES_PER_ITEM),), view, splats.splats, splats.center_low or splats.splats,
-        lists.ids, lists.clues or lists.ids, lists.start, num_entries, *buffers, ENTRIES=ENTRIES_PER_ITEM,
-        CENTER_LOW=int(splats.center_low is not None), LAYER=layer,
+        splats.extra or splats.splats, lists.ids, lists.clues or lists.ids, lists.start, num_entries, *buffers.values(),
+        *structs,
+        ENTRIES=ENTRIES_PER_ITEM, CENTER_LOW=int(splats.center_low is not None), LAYER=layer, **options,
     )  # fmt: skip
-    return ProjectedSplats(*buffers)
+    return ProjectedSplats(**buffers, options=options)
 
 
 def bands(totals: NDArray[np.int32], max_records: int) -> Iterator[tuple[int, int]]:
@@ -199,9 +209,10 @@ def visibility(
     """Fill the band's part of `depth`: the nearest disc of each pixel (kernels/visibility.cl)."""
     camera = passes.camera
     passes.run_raster(
-        "visibility", lists, projected.records, projected.disc_near_z, lists.ids, lists.start, lists.begin_buffer,
-        lists.first_tile, passes.tiles_x, camera.width, camera.height, camera.near, camera.far, depth.depth,
-        depth.particleid, BEHIND_FRONT=int(layer == BEHIND),
+        "visibility", lists, projected.records, projected.extra, projected.disc_near_z, lists.ids, lists.start,
+        lists.begin_buffer, lists.first_tile, passes.tiles_x, passes.first_column, passes.first_row, camera.width,
+        camera.height, camera.near, camera.far, depth.depth, depth.particleid, BEHIND_FRONT=int(layer == BEHIND),
+        **projected.options,
     )  # fmt: skip
 
 
@@ -215,11 +226,47 @@ def attributes(
     gbuffer: GBuffer,
 ) -> None:
     """Fill the band's part of `gbuffer`: sums over fragments within `epsilon` of `depth` (kernels/attributes.cl)."""
-    arguments, options = fragment_arguments(passes, epsilon)
+    structs = shading_structs(passes) if projected.options["SHADING"] == PER_FRAGMENT else ()
+    _run_attributes(
+        passes, view, lists, projected, depth, epsilon, projected.records, gbuffer.weight_sum, gbuffer.color_sum,
+        gbuffer.normal_sum, gbuffer.depth_sum, gbuffer.count, *structs, CHANNELS=0, **projected.options,
+    )  # fmt: skip
+
+
+def channels(
+    passes: Passes,
+    view: Any,
+    lists: TileLists,
+    projected: ProjectedSplats,
+    depth: DepthBuffer,
+    epsilon: float,
+    values: Any,
+    images: tuple[Any, Any],
+) -> None:
+    """Fill the band's part of two (H, W, 3) images: means of six further channels, as `attributes` weighs colours."""
+    nothing = passes.device.buffer(0)
+    options = {**projected.options, "FIELD": 0, "SHADING": 0, "CHANNELS": 1, "SHADER": '"albedo.h"'}
+    _run_attributes(
+        passes, view, lists, projected, depth, epsilon, values, nothing, *images, nothing, nothing, **options
+    )
+
+
+def _run_attributes(
+    passes: Passes,
+    view: Any,
+    lists: TileLists,
+    projected: ProjectedSplats,
+    depth: DepthBuffer,
+    epsilon: float,
+    values: Any,
+    *images: Any,
+    **options: str | int,
+) -> None:
+    arguments, how = fragment_arguments(passes, epsilon)
     passes.run_raster(
-        "attributes", lists, view, projected.records, projected.attributes, projected.boxes, projected.near_z,
-        lists.begin_buffer, lists.first_tile, passes.tiles_x, *arguments, depth.depth, gbuffer.weight_sum,
-        gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum, gbuffer.count, **options,
+        "attributes", lists, view, projected.records, projected.extra, projected.attributes, projected.boxes,
+        projected.near_z, values, lists.ids, lists.start, lists.begin_buffer, lists.first_tile, passes.tiles_x,
+        *arguments, depth.depth, *images, **how | options,
     )  # fmt: skip
 
 
@@ -233,7 +280,8 @@ def fragment_arguments(passes: Passes, epsilon: float) -> tuple[tuple[Any, ...],
         float(epsilon), settings.along == "ray", -(settings.cutoff**2) / 2, settings.prefilter_radius**-2,
         passes.constant(table), len(table),
     )  # fmt: skip
-    return arguments, {"PREFILTER": int(settings.prefilter == "min"), "KERNEL": int(kernel)}
+    prefilter = PREFILTERS[settings.prefilter]
+    return arguments, {"PREFILTER": prefilter, "KERNEL": int(kernel), "TARGET": passes.target}
 
 
 def effective_settings(settings: RenderSettings, oriented: bool) -> RenderSettings:

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from splatcl.camera import Camera
 from splatcl.errors import SettingsError, SplatclError
+from splatcl.passes import Passes
 from splatcl.render import Renderer, default_renderer
+from splatcl.resident import GLOSS
 from splatcl.settings import RenderSettings
-from splatcl.shading import Surface, shade_surface
+from splatcl.shading import Channels, Surface, shade_surface
 from splatcl.splats import PREFIX
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ def relight(
         raise SettingsError(
             "npr.contour='auto' is four times a render's epsilon, which this frame has not: give a number"
         )
-    surface, attributes = _surface(frame), _attributes(frame) if wanted.shader == "user" else {}
+    surface, attributes = _surface(frame), _attributes(frame, wanted)
     if renderer is None:
         renderer = frame.rendered_from[0] if frame.rendered_from else default_renderer()
     arguments = surface, attributes, frame.camera, wanted, float(epsilon or 0.0)
@@ -86,9 +88,10 @@ def _surface(frame: Frame) -> dict[str, NDArray[Any]]:
     return surface
 
 
-def _attributes(frame: Frame) -> dict[str, NDArray[Any]]:
-    """Return the AOVs attribute.NAME by NAME, for a user's shader."""
-    found = {name.removeprefix(PREFIX): np.asarray(frame[name]) for name in frame if name.startswith(PREFIX)}
+def _attributes(frame: Frame, settings: RenderSettings) -> dict[str, NDArray[Any]]:
+    """Return the AOVs attribute.NAME by NAME: all for a user's shader, what Phong takes for others."""
+    names = [name.removeprefix(PREFIX) for name in frame if name.startswith(PREFIX)]
+    found = {name: np.asarray(frame[PREFIX + name]) for name in names if name in GLOSS or settings.shader == "user"}
     for name, values in found.items():
         if not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
             raise SplatclError(f"AOV {PREFIX}{name} cannot be a field of s.attribute: use letters, digits and _")
@@ -112,8 +115,23 @@ def _shade(
     """Return the (H, W, 4) colors, and why they may be inexact. For `Renderer.call`."""
     passes = renderer.passes(camera, settings)
     images = {name: passes.constant(np.asarray(values, passes.real)) for name, values in surface.items()}
-    planes = passes.constant(np.array([*attributes.values()], passes.real))
-    lit = Surface(images["P"], images["N"], images["albedo"], images["weight"], planes, tuple(attributes))
-    color = shade_surface(passes, passes.view(np.zeros(3)), lit, epsilon)
+    lit = Surface(images["P"], images["N"], images["albedo"], images["weight"])
+    color = shade_surface(passes, passes.view(np.zeros(3)), lit, epsilon, _channels(passes, attributes))
     pixels = passes.device.read(color, (camera.height, camera.width, 4), passes.real)
     return pixels, passes.device.strictness.reason(settings.precision)
+
+
+def _channels(passes: Passes, attributes: Mapping[str, NDArray[Any]]) -> Channels:
+    """Put the attributes on the device three by three, specular and shininess first, as the attribute pass does."""
+    names = [name for name in attributes if name not in GLOSS]
+    if {*GLOSS} & attributes.keys():
+        names = [*GLOSS, *names]
+    places: dict[str, tuple[Any, int]] = {}
+    for start in range(0, len(names), 3):
+        group = names[start : start + 3]
+        image = np.zeros((passes.camera.height, passes.camera.width, 3), passes.real)
+        for k, name in enumerate(group):
+            image[..., k] = attributes.get(name, 0)
+        buffer = passes.constant(image)
+        places |= {name: (buffer, k) for k, name in enumerate(group) if name in attributes}
+    return places

@@ -19,7 +19,8 @@ from splatcl.passes import BEHIND, Passes
 from splatcl.pipeline import DepthBuffer, GBuffer
 from splatcl.resident import ResidentSplats, upload
 from splatcl.settings import RenderSettings
-from splatcl.splats import Splats
+from splatcl.splats import PREFIX, Splats
+from splatcl.supersampling import NEIGHBOURS, supersampled
 from splatcl.worker import worker
 
 TILE_SIZES = (8, 16, 32, 64)
@@ -33,13 +34,28 @@ class Resident:
     splats: Splats
     auto_epsilon: float
     _on_device: dict[tuple[DeviceQueue, str], Any] = field(default_factory=dict, repr=False)
+    _prepared: dict[tuple[bool, bool], Resident] = field(default_factory=dict, repr=False)
 
     def epsilon(self, settings: RenderSettings) -> float:
         """Return the depth tolerance, scene units."""
         return self.auto_epsilon if settings.epsilon == "auto" else settings.epsilon
 
+    def prepared(self, settings: RenderSettings) -> Resident:
+        """Return the splats as the settings take them, and keep them; `SettingsError` where they cannot."""
+        if settings.normals == "field" and self.splats.normal_du is None:
+            raise SettingsError(
+                "normals='field' needs splats with a normal field: splatcl.normal_fields(splats) estimates one "
+                "(splatcl fields IN -o OUT)"
+            )
+        key = (settings.half_inputs, settings.circular)
+        if key not in self._prepared:
+            splats = self.splats.half_precision() if settings.half_inputs else self.splats
+            splats = splats.circular() if settings.circular else splats
+            self._prepared[key] = self if splats is self.splats else Resident(splats, self.auto_epsilon)
+        return self._prepared[key]
+
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_on_device": {}}
+        return {**self.__dict__, "_on_device": {}, "_prepared": {}}
 
 
 class Renderer:
@@ -102,12 +118,11 @@ class Renderer:
 
     def render(self, splats: Splats | Resident, camera: Camera, settings: RenderSettings | None = None) -> Frame:
         """Render one frame; see `render`."""
-        resident = self.resident(splats)
-        settings = pipeline.effective_settings(
-            RenderSettings() if settings is None else settings, resident.splats.oriented
-        )
+        settings = RenderSettings() if settings is None else settings
+        resident = self.resident(splats).prepared(settings)
+        settings = pipeline.effective_settings(settings, resident.splats.oriented)
         frame = self.call(_render, resident, camera, settings)
-        frame.rendered_from = (self, splats)
+        frame.rendered_from = (self, resident)
         return frame
 
     def resident(self, splats: Splats | Resident) -> Resident:
@@ -127,26 +142,53 @@ class Renderer:
         assert self._device
         return self._device
 
-    def prepare(self, resident: Resident, camera: Camera, settings: RenderSettings) -> tuple[Passes, ResidentSplats]:
-        """Return what every pass of one frame needs, and the splats on the device. For functions given to `call`."""
-        passes, device = self.passes(camera, settings), self.device
+    def prepare(
+        self, resident: Resident, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)
+    ) -> tuple[Passes, ResidentSplats]:
+        """Return what every pass of one frame needs, and the splats on the device. For functions given to `call`.
+
+        `first` is the column and row of a window's first pixel (`Passes`).
+        """
+        passes, device = self.passes(camera, settings, first), self.device
         key = (device, settings.precision)
         if key not in resident._on_device:
             resident._on_device[key] = upload(device, resident.splats, settings.precision)
         return passes, resident._on_device[key]
 
-    def passes(self, camera: Camera, settings: RenderSettings) -> Passes:
-        """Return what every pass of one frame needs. For functions given to `call`."""
+    def passes(self, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)) -> Passes:
+        """Return what every pass of one frame needs. For functions given to `call`; `first` as for `prepare`."""
         if settings.precision == "double" and not self.supports_double:
             raise DeviceError(f"{self.device.info.name} has no double precision; choose another device")
-        return Passes(self.device, camera, settings, self._arguments[1], settings.precision)
+        return Passes(self.device, camera, settings, self._arguments[1], settings.precision, first)
 
 
 def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> Frame:
-    passes, on_device = renderer.prepare(resident, camera, settings)
+    def window(camera: Camera, first: tuple[int, int] = (0, 0)) -> DeviceAovs:
+        return _draw(renderer, resident, camera, settings, first)
+
+    n = settings.supersampling
+    aovs = window(camera) if n == 1 else supersampled(camera, n, window, NEIGHBOURS.get(settings.shader, 0))
+    metadata = {
+        "epsilon": resident.epsilon(settings),
+        "num_splats": len(resident.splats),
+        "num_dropped": resident.splats.num_dropped,
+        "notes": list(resident.splats.notes),
+        "device": f"{renderer.device.info.version}, {renderer.device.info.name}",
+    }
+    if inexact := renderer.device.strictness.reason(settings.precision):
+        metadata["inexact"] = inexact
+    return Frame(aovs, camera, settings, metadata)
+
+
+def _draw(
+    renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings, first: tuple[int, int]
+) -> DeviceAovs:
+    """Run the passes for the window of a larger image that begins at `first` (`Passes`)."""
+    passes, on_device = renderer.prepare(resident, camera, settings, first)
     epsilon = resident.epsilon(settings)
     view = passes.view(on_device.origin)
     depth, gbuffer = pipeline.frame_buffers(passes)
+    channels = [(passes.image(3), passes.image(3)) for _ in on_device.channels]
     for lists in pipeline.bin(passes, view, on_device):
         for layer in passes.layers:
             if layer == BEHIND:
@@ -154,25 +196,32 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
             projected = pipeline.project(passes, view, on_device, lists, layer)
             pipeline.visibility(passes, lists, projected, depth, layer)
         pipeline.attributes(passes, view, lists, projected, depth, epsilon, gbuffer)
-    color = pipeline.shade(passes, view, depth, gbuffer, epsilon)
-    aovs = DeviceAovs(passes, view, depth, gbuffer, color)
-    metadata = {
-        "epsilon": epsilon,
-        "num_splats": len(resident.splats),
-        "num_dropped": resident.splats.num_dropped,
-        "notes": list(resident.splats.notes),
-        "device": f"{passes.device.info.version}, {passes.device.info.name}",
+        for group, images in zip(on_device.channels, channels, strict=True):
+            pipeline.channels(passes, view, lists, projected, depth, epsilon, group.values, images)
+    names = {
+        name: (images[k // 3], k % 3)
+        for g, images in zip(on_device.channels, channels, strict=True)
+        for k, name in enumerate(g.names)
+        if name
     }
-    if inexact := passes.device.strictness.reason(settings.precision):
-        metadata["inexact"] = inexact
-    return Frame(aovs, camera, settings, metadata)
+    color = pipeline.shade(passes, view, depth, gbuffer, epsilon, names)
+    return DeviceAovs(passes, view, depth, gbuffer, color, names)
 
 
 class DeviceAovs(Mapping[str, NDArray[Any]]):
     """The AOVs of one frame, read from the device, and resolved there, when first asked for."""
 
-    def __init__(self, passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer, color: Any) -> None:
+    def __init__(
+        self,
+        passes: Passes,
+        view: Any,
+        depth: DepthBuffer,
+        gbuffer: GBuffer,
+        color: Any,
+        channels: Mapping[str, tuple[Any, int]] | None = None,
+    ) -> None:
         self._passes = passes
+        self._channels = {PREFIX + name: place for name, place in (channels or {}).items()}
         self._resolve: Callable[[], dict[str, Any]] = lambda: pipeline.resolve(passes, view, depth, gbuffer)
         self._buffers: dict[str, tuple[Any, int, str]] = {
             "color": (color, 4, ""),
@@ -185,7 +234,10 @@ class DeviceAovs(Mapping[str, NDArray[Any]]):
             "weight": (gbuffer.weight_sum, 1, ""),
             "count": (gbuffer.count, 1, "u4"),
             "particleid": (depth.particleid, 1, "u4"),
+            **{name: (image, 3, "") for name, (image, _) in self._channels.items()},
         }
+        if passes.settings.shading != "deferred":
+            del self._buffers["albedo"]  # what was blended is lit
         self._arrays: dict[str, NDArray[Any]] = {}
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -199,11 +251,14 @@ class DeviceAovs(Mapping[str, NDArray[Any]]):
     def _read(self, name: str) -> NDArray[Any]:
         if self._buffers[name][0] is None:
             for resolved, buffer in self._resolve().items():
+                if resolved not in self._buffers:
+                    continue
                 self._buffers[resolved] = (buffer, *self._buffers[resolved][1:])
         buffer, channels, dtype = self._buffers[name]
         camera = self._passes.camera
-        shape = (camera.height, camera.width) + ((channels,) if channels > 1 else ())
-        return self._passes.device.read(buffer, shape, dtype or self._passes.real)
+        shape: tuple[int, ...] = (camera.height, camera.width) + ((channels,) if channels > 1 else ())
+        array = self._passes.device.read(buffer, shape, dtype or self._passes.real)
+        return np.ascontiguousarray(array[..., self._channels[name][1]]) if name in self._channels else array
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._buffers)

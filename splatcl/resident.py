@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from splatcl.splats import Splats
 if TYPE_CHECKING:
     from splatcl.device import DeviceQueue
 
+GLOSS = ("specular", "shininess")
+"""Attributes that take the place of the material's."""
 PLANE_PAD = 16
 """Planes are padded to the widest vector, so that the last one may be read whole."""
 
@@ -25,7 +28,8 @@ class ResidentSplats:
 
     The geometry lies twice: as planes of x, y, z, which binning streams, and splat by splat with the colour
     (layout.py, Splat), which the projection fetches in the order of the tile lists. `center_low` is what single
-    precision leaves of float64 centres, splat by splat, None where that is nothing.
+    precision leaves of float64 centres, splat by splat, None where that is nothing. `extra` holds what only some splats
+    have (layout.py, SplatExtra), None where none has it; `options` says what (kernels/extra.h).
     """
 
     center: Any
@@ -36,6 +40,17 @@ class ResidentSplats:
     origin: NDArray[np.float64]
     num_splats: int
     stride: int
+    extra: Any = None
+    options: Mapping[str, int] = field(default_factory=lambda: {"CLIP": 0, "GLOSS": 0})
+    channels: tuple[Channels, ...] = ()
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Up to six attributes of every splat; a name is empty where there is none of it."""
+
+    names: tuple[str, ...]
+    values: Any
 
 
 def upload(device: DeviceQueue, splats: Splats, precision: Precision) -> ResidentSplats:
@@ -56,7 +71,38 @@ def upload(device: DeviceQueue, splats: Splats, precision: Precision) -> Residen
     rest = center - center.astype(real)
     if rest.any():
         buffers["center_low"] = device.upload(np.ascontiguousarray(rest, real))
-    return ResidentSplats(**buffers, origin=origin, num_splats=num, stride=stride)
+    if _has_extra(splats):
+        buffers["extra"] = device.upload(_extra(splats, real))
+    options = {"CLIP": int(splats.clip is not None), "GLOSS": int(bool({*GLOSS} & splats.attributes.keys()))}
+    channels = tuple(Channels(names, device.upload(values)) for names, values in _channels(splats, real))
+    return ResidentSplats(**buffers, origin=origin, num_splats=num, stride=stride, options=options, channels=channels)
+
+
+def _has_extra(splats: Splats) -> bool:
+    return splats.clip is not None or splats.normal_du is not None or bool({*GLOSS} & splats.attributes.keys())
+
+
+def _extra(splats: Splats, real: np.dtype[Any]) -> NDArray[Any]:
+    """Return a row of SplatExtra for each splat; what the material has stands in the columns of its gloss as NaN."""
+    num = len(splats)
+    columns = [np.zeros((num, 6)) if splats.clip is None else splats.clip.reshape(num, 6)]
+    columns += [np.zeros((num, 3)) if f is None else f for f in (splats.normal_du, splats.normal_dv)]
+    columns += [splats.attributes.get(name, np.full(num, np.nan))[:, None] for name in GLOSS]
+    return np.hstack(columns).astype(real) if num else np.zeros(14, real)
+
+
+def _channels(splats: Splats, real: np.dtype[Any]) -> Iterator[tuple[tuple[str, ...], NDArray[Any]]]:
+    """Yield the attributes six by six, in rows of eight; specular and shininess come first (kernels/shade.cl)."""
+    names = [name for name in splats.attributes if name not in GLOSS]
+    if {*GLOSS} & splats.attributes.keys():
+        names = [*(name if name in splats.attributes else "" for name in GLOSS), *names]
+    for first in range(0, len(names), 6):
+        group = tuple(names[first : first + 6])
+        values = np.zeros((max(len(splats), 1), 8), real)
+        for k, name in enumerate(group):
+            if name:
+                values[: len(splats), k] = splats.attributes[name]
+        yield group, values
 
 
 def near_origin(center: NDArray[Any]) -> NDArray[np.float64]:

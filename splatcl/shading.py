@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +13,7 @@ from splatcl import user_shader
 from splatcl.camera import Camera
 from splatcl.lights import Light
 from splatcl.passes import Passes, rotated
+from splatcl.resident import GLOSS
 
 if TYPE_CHECKING:
     from splatcl.pipeline import DepthBuffer, GBuffer
@@ -19,47 +22,57 @@ CONTOUR = 4
 """Epsilons of a jump in depth that is a contour, where the settings leave that open."""
 
 
+Channels = Mapping[str, tuple[Any, int]]
+"""By a splat attribute's name: a (H, W, 3) image, and which of its channels holds the blended attribute."""
+NO_CHANNELS: Channels = MappingProxyType({})
+
+
 @dataclass(frozen=True)
 class Surface:
-    """AOVs to shade: P, N and albedo (H, W, 3), a weight (H, W) above 0 where there is a surface.
-
-    `attributes` holds (num, H, W) of what a user's shader finds by `names` besides.
-    """
+    """AOVs to shade: P, N and albedo (H, W, 3), and a weight (H, W) above 0 where there is a surface."""
 
     position: Any
     normal: Any
     albedo: Any
     weight: Any
-    attributes: Any = None
-    names: tuple[str, ...] = ()
 
 
-def shade(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer, epsilon: float) -> Any:
+def shade(
+    passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer, epsilon: float, channels: Channels = NO_CHANNELS
+) -> Any:
     """Return the (H, W, 4) linear RGBA buffer, shaded once per pixel (kernels/shade.cl, user.cl)."""
     if passes.settings.shader == "user":
         resolved = resolve(passes, view, depth, gbuffer)
         surface = Surface(resolved["P"], resolved["N"], resolved["albedo"], gbuffer.weight_sum)
-        return shade_surface(passes, view, surface, epsilon)
-    color = passes.image(4)
-    arguments = (*_shading(passes), *_npr(passes, epsilon), *_sums(depth, gbuffer), color)
-    _run_shade(passes, "shade", view, *arguments, RESOLVED=0)
-    return color
+        return shade_surface(passes, view, surface, epsilon, channels)
+    return _shade(passes, view, _sums(depth, gbuffer), epsilon, channels, RESOLVED=0)
 
 
-def shade_surface(passes: Passes, view: Any, surface: Surface, epsilon: float) -> Any:
+def shade_surface(passes: Passes, view: Any, surface: Surface, epsilon: float, channels: Channels = NO_CHANNELS) -> Any:
     """Return what `shade` does, from AOVs."""
-    color, settings = passes.image(4), passes.settings
     images = surface.position, surface.normal, surface.albedo, surface.weight
-    if settings.shader == "user":
-        attributes = surface.attributes or surface.weight  # not read where there are none
-        user_shader.run(passes, surface.names, view, *_shading(passes), settings.time, *images, attributes, color)
-    else:
-        _run_shade(passes, "shade", view, *_shading(passes), *_npr(passes, epsilon), *images, color, RESOLVED=1)
+    if passes.settings.shader != "user":
+        return _shade(passes, view, images, epsilon, channels, RESOLVED=1)
+    color = passes.image(4)
+    arguments = view, *shading_structs(passes), passes.settings.time, *images
+    user_shader.run(passes, channels, *arguments, color=color)
     return color
 
 
-def _shading(passes: Passes) -> tuple[Any, Any]:
-    """Return the material and the lights as structs on the device."""
+def _shade(
+    passes: Passes, view: Any, images: tuple[Any, ...], epsilon: float, channels: Channels, **options: int
+) -> Any:
+    """Run the kernel; specular and shininess of the splats' own stand for the material's."""
+    color = passes.image(4)
+    has = sum(1 << k for k, name in enumerate(GLOSS) if name in channels)
+    gloss = next((channels[name][0] for name in GLOSS if name in channels), images[0])  # not read where there is none
+    arguments = (*shading_structs(passes), *_npr(passes, epsilon), *images, gloss, color)
+    _run_shade(passes, "shade", view, *arguments, GLOSS=has, **options)
+    return color
+
+
+def shading_structs(passes: Passes) -> tuple[Any, Any]:
+    """Return the Shading and PhongLight structs on the device."""
     settings, lights = passes.settings, passes.settings.lights
     shading = np.zeros(1, passes.dtypes["Shading"])
     for name in ("ambient", "diffuse", "specular", "shininess"):
@@ -88,8 +101,12 @@ def resolve(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> 
 
 def _run_shade(passes: Passes, kernel: str, *args: Any, **options: int) -> None:
     size = (-(-passes.camera.width // passes.lanes), passes.camera.height)
-    shader = {"user": "albedo"}.get(passes.settings.shader, passes.settings.shader)  # a user's is not in shade.cl
-    passes.run(kernel, size, *args, SHADER=f'"{shader}.h"', **options)
+    shader = passes.settings.shader
+    if (
+        shader == "user" or passes.settings.shading != "deferred"
+    ):  # has a file of its own; was lit before it was blended
+        shader = "albedo"
+    passes.run(kernel, size, *args, SHADER=f'"{shader}.h"', **{"GLOSS": 0, **options})
 
 
 def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:

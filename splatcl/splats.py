@@ -164,7 +164,37 @@ class Splats:
         near = distance <= 2 * np.quantile(distance, 0.95)
         return self if near.all() else self.take(near)
 
-    def take(self, ids: ArrayLike) -> Splats:
+    def circular(self) -> Splats:
+        """Return circles about the discs, of their longer axes' radii, u in its direction ([BK03])."""
+        u = self.tangent_u.astype(np.float64)
+        length = np.linalg.norm(u, axis=1, keepdims=True)
+        turned = np.cross(self.normal, u)
+        grow = self.radius[:, None] / length
+        return replace(self, tangent_u=u * grow, tangent_v=turned * grow)
+
+    def half_precision(self) -> Splats:
+        """Return the splats with centres and normals rounded to 16-bit floats ([BHZK05] section 6).
+
+        Centres are rounded as shares of the largest half side of their bounding box, from its middle. Tangents keep
+        their lengths, projected onto the plane of the rounded normal.
+        """
+        if not len(self):
+            return self
+        center = self.center.astype(np.float64)
+        middle = (center.min(axis=0) + center.max(axis=0)) / 2
+        size = float(np.abs(center - middle).max()) or 1.0
+        rounded = middle + _half((center - middle) / size) * size
+        normal = _half(self.normal)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        tangents = {}
+        for name in ("tangent_u", "tangent_v"):
+            t = getattr(self, name).astype(np.float64)
+            flat = t - (t * normal).sum(axis=1, keepdims=True) * normal
+            flat *= np.linalg.norm(t, axis=1, keepdims=True) / np.linalg.norm(flat, axis=1, keepdims=True)
+            tangents[name] = flat.astype(getattr(self, name).dtype)
+        return replace(self, center=rounded.astype(self.center.dtype), **tangents)
+
+    def take(self, ids: ArrayLike | slice) -> Splats:
         """Return the splats at `ids` (indices, a mask or a slice), in that order."""
         key: Any = ids if isinstance(ids, slice) else np.asarray(ids)
         if not isinstance(key, slice) and not key.size:
@@ -213,9 +243,14 @@ def describe_invalid(reason: NDArray[np.uint8]) -> str:
     return f"{np.count_nonzero(reason)} of {len(reason)} splats ({', '.join(parts)}; the first is splat {first})"
 
 
+def _half(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values rounded to IEEE halves."""
+    return values.astype(np.float16).astype(np.float64)
+
+
 def _unusable(array: NDArray[Any]) -> NDArray[np.uint8]:
     """Return (N,) the index in `REASONS` of what is wrong with the rows of an optional array, 0 for nothing."""
-    rows = array.reshape(len(array), -1)
+    rows = array.reshape(len(array), int(np.prod(array.shape[1:])))
     with np.errstate(invalid="ignore"):
         finite, small = np.isfinite(rows).all(axis=1), (np.abs(rows) <= MAX_MAGNITUDE).all(axis=1)
     return np.select([~finite, ~small], [1, 2], 0).astype(np.uint8)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from splatcl.errors import SettingsError
@@ -12,6 +12,7 @@ from splatcl.settings import RenderSettings
 
 if TYPE_CHECKING:
     from splatcl.passes import Passes
+    from splatcl.shading import Channels
 
 MAX_ERRORS = 3
 """First errors of a build that are told."""
@@ -22,15 +23,15 @@ ERROR = re.compile(
 """An error of a build log: PoCL puts the word before the place, others after it."""
 
 
-def run(passes: Passes, attributes: Sequence[str], *args: Any) -> None:
+def run(passes: Passes, channels: Channels, *args: Any, color: Any) -> None:
     """Run the settings' shader over the image.
 
     Parameters
     ----------
     passes : Passes
-    attributes : sequence of str
-        Names of what the frame has besides, which become the fields of ``s.attribute``.
-    *args
+    channels : mapping
+        What the frame has besides, which becomes the fields of ``s.attribute``.
+    *args, color
         Of the kernel.
 
     Raises
@@ -38,11 +39,13 @@ def run(passes: Passes, attributes: Sequence[str], *args: Any) -> None:
     SettingsError
         There is no shader's text, it has no function ``shade``, or it does not compile.
     """
-    settings, camera = passes.settings, passes.camera
+    settings, size = passes.settings, (passes.camera.width, passes.camera.height)
+    images = list(dict.fromkeys(image for image, _ in channels.values()))
+    places = {name: (images.index(image), k) for name, (image, k) in channels.items()}
     try:
         passes.run(
-            "user", (camera.width, camera.height), *args, LANES=1, RESOLVED=1,
-            ATTRIBUTES=Text(_declarations(attributes)), USER_SHADER=Text(_code(settings)),
+            "user", size, *args, color, *images, LANES=1, RESOLVED=1,
+            ATTRIBUTES=Text(_declarations(places, len(images))), USER_SHADER=Text(_code(settings)),
         )  # fmt: skip
     except BuildError as error:
         raise build_error(str(error), settings) from None
@@ -57,15 +60,19 @@ def _code(settings: RenderSettings) -> str:
     return f"#line 1 {_quoted(name)}\n{code}"
 
 
-def _declarations(attributes: Sequence[str]) -> str:
-    """Declare the struct of the attributes, and a function that reads them at a pixel."""
-    fields = " ".join(f"float {name};" for name in attributes)
-    reads = " ".join(f"a.{name} = (float)planes[p + {i} * stride];" for i, name in enumerate(attributes))
+def _declarations(places: Mapping[str, tuple[int, int]], num_images: int) -> str:
+    """Declare the struct of the attributes, and how they are read at a pixel: from which image and channel."""
+    fields = " ".join(f"float {name};" for name in places)
+    reads = " ".join(f"a.{name} = (float)channels_{i}[3 * p + {k}];" for name, (i, k) in places.items())
+    arguments = "".join(f", global const real *channels_{i}" for i in range(num_images))
+    names = "".join(f", channels_{i}" for i in range(num_images))
     return (
+        f"#define ATTRIBUTE_ARGUMENTS {arguments}\n"
+        f"#define ATTRIBUTES_AT(p) attributes_at(p{names})\n"
         '#line 1 "attributes of the frame"\n'
         f"typedef struct {{ int num_attributes_; {fields} }} Attributes;\n"
-        "static inline Attributes attributes_at(global const real *planes, long p, long stride)\n"
-        f"{{ Attributes a; a.num_attributes_ = {len(attributes)}; {reads} return a; }}"
+        f"static inline Attributes attributes_at(long p{arguments})\n"
+        f"{{ Attributes a; a.num_attributes_ = {len(places)}; {reads} return a; }}"
     )
 
 

@@ -40,7 +40,7 @@ def expected(sums, camera, settings):
     exact = {name: array.astype(np.float64) for name, array in sums.items()}
     depth = oracle.DepthBuffer(exact.pop("depth"), *[np.zeros(SHAPE)] * 3)
     gbuffer = oracle.GBuffer(**exact, count=np.zeros(SHAPE), margin=np.zeros(SHAPE))
-    return oracle.shade(gbuffer, depth, camera, settings, settings.epsilon)
+    return oracle.shade(gbuffer, depth, camera, settings, None, settings.epsilon)
 
 
 def decided(sums, camera, settings):
@@ -127,7 +127,7 @@ def test_npr_by_hand():
 
 def test_depth_by_hand():
     color = step().shade(shader="depth").color
-    np.testing.assert_allclose(color[2, :, 0], [0, *[7 / 8] * 3, *[7 / 9] * 3], rtol=1e-6)
+    np.testing.assert_allclose(color[2, :, 0], [0, *[7 / 8] * 3, *[6 / 8] * 3], rtol=1e-6)
     frame = step()
     seen = Frame({name: frame[name] for name in frame}, replace(frame.camera, projection="perspective"))
     np.testing.assert_allclose(seen.shade(shader="depth").color[2, :, 0], [0, *[1 / 2] * 3, *[1 / 3] * 3], rtol=1e-6)

@@ -41,7 +41,7 @@ SEEN = """
 float4 shade(const Surface s, const Scene scene)
 {
   if (s.x % 2) return (float4)(depth_at(s, 1, -2), normal_at(s, -1, 3));
-  return (float4)(s.depth, s.position.x, s.attribute.heat, scene.time + s.attribute.b2 + scene.width + 100 * s.y);
+  return (float4)(s.depth, s.position.x, s.attribute.heat, scene.time + s.attribute.b2 + 100 * s.y);
 }
 """
 
@@ -79,7 +79,7 @@ def test_what_a_shader_sees(frame, precision):
         return values[np.where(inside, y + dy, y), np.where(inside, x + dx, x)]
 
     neighbours = np.concatenate([around(z, 1, -2)[..., None], around(frame["N"], -1, 3)], axis=-1)
-    time = np.float32(0.5) + b2 + frame.width + 100 * y
+    time = np.float32(0.5) + b2 + 100 * y
     place = np.stack([z, frame["P"][..., 0], heat, time], axis=-1)
     want = np.where(covered[..., None], np.where((x % 2 > 0)[..., None], neighbours, place), 0)
     np.testing.assert_allclose(got, want, rtol=1e-6)

@@ -223,3 +223,31 @@ NPR_TIES_SHARE = 0.01
 USER_SHADED = 3e-5
 """Phong written by a user, by OpenCL's own pow: 16 units in the last place, times float32's rounding of its argument,
 times the shininess of 32."""
+
+# ---- clip lines and sharp features
+
+FEATURE = 1e-9
+"""Float64 lines of edges in disc coordinates and in space, for planes at more than a degree (seen: 1e-12), and the
+pixels between the two projections of one edge."""
+
+FEATURE_SAMPLED = 2e-3
+"""Least value of a line over what is left of a disc, against 20 000 samples of the disc, which lie about 0.01 apart
+and meet a corner less closely than that (seen: 5e-4 with samples on the rim and the lines)."""
+
+FEATURE_SPILL = 2e-6
+"""How far a splat may reach over an edge: features.lines.LEAST_CUT of a radius below 1, twice."""
+
+# ---- supersampling
+
+SUPERSAMPLED_ROUNDING = 1e-6
+"""Means of float32 numbers of about 1, summed in another order, rounded to float32: an ulp; a few more for normals, as
+random ones nearly cancel."""
+
+SUPERSAMPLED = WEIGHT_RELATIVE
+"""Means over the samples of a pixel err no more than the worst of them."""
+
+SUPERSAMPLED_COLOR = 1e-4
+"""Phong's power multiplies the error of a normal (RESOLVED) by the shininess, 32."""
+
+SUPERSAMPLED_MASKED = 0.04
+"""MASKED_OTHERWISE for each of the 2 x 2 samples."""

@@ -27,6 +27,8 @@ clearly outside [near, far] lowers none.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from splatcl.camera import Camera
@@ -54,6 +56,7 @@ from splatcl.oracle.rays import (
     _s_center,
 )
 from splatcl.oracle.shade import _phong, _to_light, color, shade
+from splatcl.oracle.supersampling import averaged, enlarged
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
@@ -93,8 +96,10 @@ __all__ = [
     "_weight",
     "attributes",
     "auto_epsilon",
+    "averaged",
     "bin",
     "color",
+    "enlarged",
     "passes",
     "project",
     "render",
@@ -116,20 +121,38 @@ def passes(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
     """
     projected = project(splats, camera, settings)
     depth = visibility(projected, camera, settings)
-    gbuffer = attributes(projected, depth, camera, settings, epsilon, splats.color)
+    names = list(splats.attributes)
+    channels = np.stack([splats.attributes[name] for name in names], axis=1) if names else None
+    gloss = _gloss(splats.attributes, settings, len(splats))
+    gbuffer = attributes(projected, depth, camera, settings, epsilon, splats.color, channels, gloss)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        means = np.nan_to_num(gbuffer.channel_sum / gbuffer.weight_sum[..., None])
+    named = {name: means[..., k] for k, name in enumerate(names)}
+    pixel_gloss = _gloss(named, settings, gbuffer.weight_sum.shape)
     return {
-        **shade(gbuffer, depth, camera, settings, epsilon),
+        **shade(gbuffer, depth, camera, settings, pixel_gloss, epsilon),
         "Z": depth.depth,
         "weight": gbuffer.weight_sum,
         "count": gbuffer.count,
         "particleid": depth.particleid,
+        **{f"attribute.{name}": values for name, values in named.items()},
         "margin": np.minimum(depth.depth_margin, gbuffer.margin),
         "id_margin": depth.margin,
     }
 
 
+def _gloss(named: Mapping[str, Array], settings: RenderSettings, shape: int | tuple[int, ...]) -> Array | None:
+    """(..., 2) specular and shininess, None where the material's hold everywhere."""
+    if not {"specular", "shininess"} & named.keys():
+        return None
+    material = settings.material
+    default = {"specular": material.specular, "shininess": material.shininess}
+    return np.stack([named.get(name, np.full(shape, value)) for name, value in default.items()], axis=-1)
+
+
 def render(splats: Splats, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
     """Run all passes; return the image and its AOVs, each (H, W) or (H, W, channels)."""
-    aovs = passes(splats, camera, settings, auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon)
+    n, epsilon = settings.supersampling, auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon
+    aovs = passes(splats, camera if n == 1 else enlarged(camera, n), settings, epsilon)
     aovs["margin"] = np.minimum(aovs["margin"], aovs.pop("id_margin"))
-    return aovs
+    return aovs if n == 1 else averaged(aovs, n)

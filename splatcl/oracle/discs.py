@@ -21,6 +21,7 @@ class _Discs:
     kappa: Array  # (N,)
     usable: Array  # (N,) bool: neither edge-on nor culled
     usable_margin: Array  # (N,) signed
+    clips: Array  # (2, 3, N): a splat's clip line keeps where the form in s is >= 0; zeros for no line
     offset_error: float = OFFSET_ERROR  # of a pixel's offset from the projected centre, 2^-24 pixels
 
 
@@ -34,6 +35,10 @@ class _Hits:
     scale_z: Array
     scale_r: Array  # of den - |(A.s, B.s)|, over den: of r3
     margin: Array  # signed
+    u: Array  # of the plane's point
+    v: Array
+    kept: Array  # bool: no clip line cuts it off
+    kept_margin: Array  # signed
 
 
 def _discs(projected: ProjectedSplats, camera: Camera) -> _Discs:
@@ -61,7 +66,10 @@ def _discs(projected: ProjectedSplats, camera: Camera) -> _Discs:
     usable_margin = np.minimum((cosine - EDGE_ON) / (UNIT * cosine_scale), projected.facing_margin)
     usable_margin[_out_of_range(projected, camera)] = -np.inf
     usable = (cosine > EDGE_ON) & ~projected.culled
-    return _Discs(forms, _s_center(c, camera), d_center, kappa, usable, usable_margin)
+    clips = np.einsum("nlk,kjn->ljn", projected.clip, forms[[0, 1, 3]])
+    constant = np.stack([zero, zero, np.ones(len(c))])[None] * projected.clip[:, :, 2].T[:, None]
+    clips = np.where(cosine > EDGE_ON, clips, constant)  # edge-on: the side of the centre
+    return _Discs(forms, _s_center(c, camera), d_center, kappa, usable, usable_margin, clips)
 
 
 def _out_of_range(projected: ProjectedSplats, camera: Camera) -> Array:
@@ -78,7 +86,8 @@ def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
         u, v, z, d = (s_x * x + s_y * y + one for x, y, one in discs.forms)
         size = np.sqrt(u**2 + v**2)
         z /= d
-        hit = discs.usable & (d > 0) & (z >= camera.near) & (z <= camera.far)
+        kept, kept_margin = _clip(discs, camera, s)
+        hit = discs.usable & (d > 0) & (z >= camera.near) & (z <= camera.far) & kept
         r_squared = np.where(hit, (size / d) ** 2, np.inf)
 
         e_x = np.abs(s_x - discs.s_center[:, 0]) + discs.offset_error / camera.fx
@@ -92,4 +101,26 @@ def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
         margin = np.fmin((d - size) / (UNIT * scale_r), _range_margin(z, scale_z, camera))
         scale_r /= np.abs(d)
         r = size / np.abs(d)
-    return _Hits(r_squared, r, z, scale_z, scale_r, np.fmin(margin, discs.usable_margin))
+        margin = np.fmin(np.fmin(margin, discs.usable_margin), kept_margin)
+        return _Hits(r_squared, r, z, scale_z, scale_r, margin, u / d, v / d, kept, kept_margin)
+
+
+def _clip(discs: _Discs, camera: Camera, s: Array) -> tuple[Array, Array]:
+    """Whether the clip lines keep a pixel, and the signed margin of that. `s` as for `_intersect`."""
+    s_x, s_y = s[..., 0], s[..., 1]
+    shape = np.broadcast_shapes(s_x.shape, discs.kappa.shape)
+    kept, margin = np.ones(shape, bool), np.full(shape, np.inf)
+    if not discs.clips.any():
+        return kept, margin
+    u_abs, v_abs, _, d_abs = np.abs(discs.forms)
+    terms = u_abs + v_abs + d_abs
+    with np.errstate(invalid="ignore", over="ignore"):
+        e_x = np.abs(s_x - discs.s_center[:, 0]) + discs.offset_error / camera.fx
+        e_y = np.abs(s_y - discs.s_center[:, 1]) + discs.offset_error / camera.fy
+        scale = terms[0] * e_x + terms[1] * e_y + (1 + discs.kappa) * discs.d_center
+        for line in discs.clips:
+            side = s_x * line[0] + s_y * line[1] + line[2]
+            cuts = line.any(axis=0)
+            kept = kept & (~cuts | (side >= 0))
+            margin = np.fmin(margin, np.where(cuts, side / (UNIT * scale), np.inf))
+    return kept, margin

@@ -40,6 +40,9 @@ class ProjectedSplats:
     prefilter_point: Array  # (N, 2) where r2 would be measured from
     prefilter_error: Array  # (N,) float32 error of that point, 2^-24 pixels
     prefilter_margin: Array  # (N,) signed: the centre's z in [near, far]; -inf where there is no pre-filter
+    field_u: Array  # (N, 3) the normal changes so much along u; zero where it does not
+    field_v: Array  # (N, 3)
+    clip: Array  # (N, 2, 3) clip lines a u + b v + c >= 0; zeros for none
 
     @property
     def prefilter_center(self) -> Array:
@@ -54,12 +57,18 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
     center = splats.center.astype(np.float64) @ rotation.T + translation
     t_u = splats.tangent_u.astype(np.float64) @ rotation.T
     t_v = splats.tangent_v.astype(np.float64) @ rotation.T
+    if settings.circular:
+        t_u, t_v = _circles(t_u, t_v)
     normal = _normalize(np.cross(t_u, t_v))
     cosine, cosine_scale = _cosine(center, t_u, t_v, camera)
     away = cosine >= 0
     culled = away & (facing == "cull")
     if facing == "flip":
         normal = np.where(away[:, None], -normal, normal)
+    field_u, field_v = (_field(values, rotation, settings, normal) for values in (splats.normal_du, splats.normal_dv))
+    if facing == "flip":
+        field_u, field_v = (np.where(away[:, None], -field, field) for field in (field_u, field_v))
+    clip = np.zeros((len(splats), 2, 3)) if splats.clip is None else splats.clip.astype(np.float64)
     facing_margin = np.where(culled, -1, 1) * np.abs(cosine) / (UNIT * cosine_scale)
     if facing == "keep":
         facing_margin = np.full(len(splats), np.inf)
@@ -67,7 +76,7 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
     disc = _disc_bounds(center, t_u, t_v, camera)
     point, error = _prefilter_point(center, t_u, t_v, disc, camera, settings)
     present = _range_margin(center[:, 2], np.abs(center[:, 2]) + TINY, camera)
-    present[(settings.prefilter == "none") | np.isnan(point).any(axis=1)] = -np.inf
+    present[(settings.prefilter != "min") | np.isnan(point).any(axis=1)] = -np.inf
     reach = np.hypot(t_u[:, 2], t_v[:, 2])
     unseen = (center[:, 2] + reach < camera.near) | (center[:, 2] - reach > camera.far)
     disc[unseen | (np.abs(cosine) <= EDGE_ON)] = NOTHING
@@ -78,8 +87,23 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
     hidden = (center[:, 2:] <= 0) & (camera.projection == "perspective")
     center_raster = np.where(hidden, np.nan, _raster(_s_center(center, camera), camera))
     return ProjectedSplats(
-        center, t_u, t_v, normal, center_raster, bounds, culled, facing_margin, point, error, present
-    )
+        center, t_u, t_v, normal, center_raster, bounds, culled, facing_margin, point, error, present,
+        field_u, field_v, clip,
+    )  # fmt: skip
+
+
+def _circles(t_u: Array, t_v: Array) -> tuple[Array, Array]:
+    """Return tangents of the circle about each disc, of its longer axis' radius; u keeps its direction."""
+    radius = np.maximum(np.linalg.norm(t_u, axis=1), np.linalg.norm(t_v, axis=1))[:, None]
+    u = _normalize(t_u)
+    return radius * u, radius * np.cross(_normalize(np.cross(t_u, t_v)), u)
+
+
+def _field(values: Array | None, rotation: Array, settings: RenderSettings, normal: Array) -> Array:
+    """(N, 3) a normal field's change along one axis, eye space; zero where the settings take none."""
+    if values is None or settings.normals == "constant":
+        return np.zeros(normal.shape)
+    return values.astype(np.float64) @ rotation.T
 
 
 def bin(projected: ProjectedSplats, camera: Camera, tile_size: int) -> list[Array]:

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.discs import _discs, _intersect
+from splatcl.oracle.discs import _clip, _Discs, _discs, _intersect
+from splatcl.oracle.ellipses import _Ellipses, _ellipses, _footprint
 from splatcl.oracle.project import ProjectedSplats
-from splatcl.oracle.rays import NO_SPLAT, TINY, UNIT, Array, _chunks, _image, _raster, _ray_length
+from splatcl.oracle.rays import NO_SPLAT, TINY, UNIT, Array, _chunks, _image, _normalize, _raster, _ray_length
+from splatcl.oracle.shade import shade_points
 from splatcl.settings import RenderSettings
 
 
@@ -33,25 +35,97 @@ class GBuffer:
     depth_sum: Array  # (H, W) of w z, scene units
     count: Array  # (H, W) uint32 fragments
     margin: Array  # (H, W) of every decision of the attribute pass
+    channel_sum: Array | None = None  # (H, W, K)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fragments:
+    """Every pixel of a chunk against every splat, (P, N) each."""
+
+    r_squared: Array  # <= 1 where there is one
+    z: Array
+    scale_z: Array
+    margin: Array  # unsigned, of all that this took
+    disc: Array  # bool: the ray meets the disc itself
+    u: Array
+    v: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Raster:
+    """What the two passes share: splats against pixels, whatever the footprint."""
+
+    projected: ProjectedSplats
+    camera: Camera
+    settings: RenderSettings
+    discs: _Discs
+    ellipses: _Ellipses | None
+
+    @classmethod
+    def of(cls, projected: ProjectedSplats, camera: Camera, settings: RenderSettings) -> _Raster:
+        discs = _discs(projected, camera)
+        raycast = settings.footprint == "raycast"
+        return cls(
+            projected, camera, settings, discs, None if raycast else _ellipses(projected, discs, camera, settings)
+        )
+
+    def covered(self, s: Array) -> _Fragments:
+        """Return the fragments of the visibility pass, which knows no pre-filter."""
+        return self._before_prefilter(s, filtered=False)
+
+    def _before_prefilter(self, s: Array, filtered: bool) -> _Fragments:
+        hits = _intersect(self.discs, self.camera, s)
+        disc = hits.r_squared <= 1
+        if self.ellipses is None:
+            return _Fragments(hits.r_squared, hits.z, hits.scale_z, np.abs(hits.margin), disc, hits.u, hits.v)
+        center_z = self.projected.center_eye[:, 2]
+        found = _footprint(hits, self.ellipses, filtered, center_z, self.camera, s)
+        return _Fragments(*found, disc, hits.u, hits.v)
+
+    def drawn(self, s: Array) -> _Fragments:
+        """Return the fragments of the attribute pass."""
+        f = self._before_prefilter(s, filtered=True)
+        if self.settings.prefilter != "min":
+            return f
+        r2_squared, margin = _prefilter(self.projected, self.camera, self.settings, s)
+        kept, kept_margin = _clip(self.discs, self.camera, s)
+        r2_squared = np.where(kept, r2_squared, np.inf)
+        center_z = self.projected.center_eye[:, 2]
+        exists = f.r_squared <= 1
+        z, scale_z = f.z, f.scale_z
+        if self.ellipses is None:
+            z = np.where(exists, z, center_z)
+            scale_z = np.where(exists, scale_z, np.abs(center_z) + TINY)
+        margin = np.minimum(np.abs(margin), np.where(margin > -64, np.abs(kept_margin), np.inf))
+        margin = np.minimum(f.margin, np.where(exists, np.inf, margin))
+        return _Fragments(np.minimum(f.r_squared, r2_squared), z, scale_z, margin, f.disc, f.u, f.v)
+
+    def weight(self, f: _Fragments) -> Array:
+        """(P, N) weights where r^2 <= 1, 0 elsewhere."""
+        weight, exists = np.zeros(f.r_squared.shape), f.r_squared <= 1
+        weight[exists] = _weight(f.r_squared[exists], self.settings)
+        return weight if self.ellipses is None else weight * np.where(self.ellipses.usable, self.ellipses.factor, 0.0)
 
 
 def visibility(projected: ProjectedSplats, camera: Camera, settings: RenderSettings) -> DepthBuffer:
-    """Find the front-most disc at each pixel: depth = min z over r3 <= 1; ties go to the lower index."""
-    del settings  # the pre-filter and the facing (already in `projected`) take no part
+    """Find the front-most disc at each pixel: depth = min z over r3 <= 1; ties go to the lower index.
+
+    For the other footprints over the ellipse, without its low-pass filter.
+    """
     num_pixels = camera.height * camera.width
     depth, margin, id_margin = (np.full(num_pixels, np.inf) for _ in range(3))
     particleid = np.full(num_pixels, NO_SPLAT)
-    discs = _discs(projected, camera)
+    raster = _Raster.of(projected, camera, settings)
     for pixels, s in _chunks(camera, len(projected.center_eye)):
-        hits = _intersect(discs, camera, s[:, None])
-        z = np.where(hits.r_squared <= 1, hits.z, np.inf)
+        f = raster.covered(s[:, None])
+        z = np.where(f.r_squared <= 1, f.z, np.inf)
         front = z.argmin(axis=1, keepdims=True)
         nearest = np.take_along_axis(z, front, axis=1)
         depth[pixels] = nearest[:, 0]
         particleid[pixels] = np.where(np.isfinite(nearest), front, NO_SPLAT)[:, 0]
-        margin[pixels] = np.abs(hits.margin).min(axis=1)
+        margin[pixels] = f.margin.min(axis=1)
         with np.errstate(invalid="ignore", over="ignore"):
-            gap = (z - nearest) / (UNIT * (hits.scale_z + np.take_along_axis(hits.scale_z, front, axis=1)))
+            gap = (z - nearest) / (UNIT * (f.scale_z + np.take_along_axis(f.scale_z, front, axis=1)))
         gap[z == np.inf] = np.inf
         np.put_along_axis(gap, front, np.inf, axis=1)
         id_margin[pixels] = gap.min(axis=1)
@@ -66,46 +140,94 @@ def attributes(
     settings: RenderSettings,
     epsilon: float,
     color: Array,
+    channels: Array | None = None,
+    gloss: Array | None = None,
 ) -> GBuffer:
     """Accumulate every fragment with r^2 = min(r3^2, r2^2) <= 1 and z <= depth + epsilon.
 
-    `epsilon` is in scene units, along eye z or the ray (`settings.along`); `color` is (N, 3) linear RGB.
+    `epsilon` is in scene units, along eye z or the ray (`settings.along`); `color` is (N, 3) linear RGB, `channels`
+    (N, K) what else is blended, `gloss` (N, 2) specular and shininess, of the material where omitted.
     """
-    num_pixels = camera.height * camera.width
-    sums = np.zeros((num_pixels, 8))  # w, w color, w normal, w z
+    num, num_pixels = len(color), camera.height * camera.width
+    channels = np.zeros((num, 0)) if channels is None else channels
+    sums = np.zeros((num_pixels, 8 + channels.shape[1]))  # w, w color, w normal, w channels, w z
     count = np.zeros(num_pixels, np.uint32)
     margin = np.full(num_pixels, np.inf)
-    discs = _discs(projected, camera)
-    z_center = projected.center_eye[:, 2]
-    values = np.column_stack([np.ones(len(color)), color.astype(np.float64), projected.normal_eye])
-    for pixels, s in _chunks(camera, len(z_center)):
-        hits = _intersect(discs, camera, s[:, None])
-        r2_squared, prefilter_margin = _prefilter(projected, camera, settings, s[:, None])
-        r_squared = np.minimum(hits.r_squared, r2_squared)
-        hit = hits.r_squared <= 1
-        exists = r_squared <= 1
-        z = np.where(hit, hits.z, z_center)
-        scale_z = np.where(hit, hits.scale_z, np.abs(z_center) + TINY)
+    raster = _Raster.of(projected, camera, settings)
+    color = color.astype(np.float64)
+    if settings.shading == "splat":
+        color = shade_points(projected.center_eye, projected.normal_eye, color, camera, settings, gloss)
+    for pixels, s in _chunks(camera, num):
+        f = raster.drawn(s[:, None])
+        exists = f.r_squared <= 1
         tolerance = np.full((len(s), 1), epsilon)
         if settings.along == "ray":
             tolerance /= _ray_length(camera, s)[:, None]
         limit = depth.depth.reshape(-1, 1)[pixels] + tolerance
-        accepted = exists & (z <= limit)
-        weight = np.zeros(z.shape)
-        weight[accepted] = _weight(r_squared[accepted], settings)
-        sums[pixels, :7] = np.einsum("pn,nk->pk", weight, values)
-        sums[pixels, 7] = np.einsum("pn,pn->p", weight, z)
+        accepted = exists & (f.z <= limit)
+        weight = np.where(accepted, raster.weight(f), 0.0)
+        z = np.where(accepted, f.z, 0.0)
+        normal = _fragment_normals(projected, f, settings)
+        colors = np.broadcast_to(color, (len(s), num, 3))
+        if settings.shading == "fragment":
+            position = _points(s, f.z, camera)
+            colors = shade_points(position, np.broadcast_to(normal, position.shape), colors, camera, settings, gloss)
+        values = [np.ones((len(s), num, 1)), colors, np.broadcast_to(normal, colors.shape)]
+        values.append(np.broadcast_to(channels, (len(s), *channels.shape)))
+        sums[pixels] = _accumulate(weight, np.concatenate([*values, z[..., None]], axis=2), settings)
         count[pixels] = accepted.sum(axis=1)
 
-        prefilter_margin = np.where(hit, np.inf, np.abs(prefilter_margin))
         front = depth.particleid.reshape(-1, 1)[pixels]
-        front_scale_z = np.take_along_axis(scale_z, np.where(front == NO_SPLAT, 0, front).astype(np.int64), axis=1)
-        depth_margin = _depth_margin(limit - z, scale_z, front_scale_z, front == np.arange(len(color)), tolerance)
+        front_scale_z = np.take_along_axis(f.scale_z, np.where(front == NO_SPLAT, 0, front).astype(np.int64), axis=1)
+        depth_margin = _depth_margin(limit - f.z, f.scale_z, front_scale_z, front == np.arange(num), tolerance)
         depth_margin = np.where(exists, depth_margin, np.inf)
-        margins = np.minimum(np.minimum(np.abs(hits.margin), prefilter_margin), depth_margin)
-        margin[pixels] = margins.min(axis=1)
-    columns = (sums[:, 0], sums[:, 1:4], sums[:, 4:7], sums[:, 7], count, margin)
+        margin[pixels] = np.minimum(f.margin, depth_margin).min(axis=1)
+    columns = (sums[:, 0], sums[:, 1:4], sums[:, 4:7], sums[:, -1], count, margin, sums[:, 7:-1])
     return GBuffer(*(_image(column, camera) for column in columns))
+
+
+def _fragment_normals(projected: ProjectedSplats, f: _Fragments, settings: RenderSettings) -> Array:
+    """(P, N, 3) or (N, 3) unit normals, eye space: of the field where the ray meets the disc, else the centre's."""
+    if settings.normals == "constant":
+        return projected.normal_eye
+    u, v = (np.where(f.disc, x, 0.0)[..., None] for x in (f.u, f.v))
+    return _normalize(projected.normal_eye + u * projected.field_u + v * projected.field_v)
+
+
+def _points(s: Array, z: Array, camera: Camera) -> Array:
+    """(P, N, 3) eye-space points of depth z on the (P,) pixels' rays."""
+    s = np.broadcast_to(s[:, None], (*z.shape, 3))
+    if camera.projection == "perspective":
+        return s * z[..., None]
+    return np.concatenate([s[..., :2], z[..., None]], axis=-1)
+
+
+def _accumulate(weight: Array, values: Array, settings: RenderSettings) -> Array:
+    """(P, K) sums of weight (P, N) times values (P, N, K) in splat order, in the target's format; z is the last value.
+
+    unorm8 holds a normal as (1 + n) / 2.
+    """
+    if settings.target not in ("float16", "unorm8"):
+        return np.einsum("pn,pnk->pk", weight, values)
+    sums = np.zeros((len(weight), values.shape[2]))
+    if settings.target == "unorm8":
+        values = values.copy()
+        values[..., 4:7] = (1 + values[..., 4:7]) / 2
+    for w, value in zip(weight.T, values.swapaxes(0, 1), strict=True):
+        product = w[:, None] * value
+        exact = sums[:, -1] + product[:, -1]
+        sums = _rounded(sums + _rounded(product, settings), settings)
+        sums[:, -1] = exact
+    if settings.target == "unorm8":
+        sums[:, 4:7] = 2 * sums[:, 4:7] - sums[:, :1]
+    return sums
+
+
+def _rounded(values: Array, settings: RenderSettings) -> Array:
+    """Return numbers of the target's format: IEEE halves, or 0, 1/255 ... 1, clamped to what it holds."""
+    if settings.target == "float16":
+        return np.clip(values, -65504, 65504).astype(np.float16).astype(np.float64)
+    return np.floor(np.clip(values, 0, 1) * 255 + 0.5) / 255
 
 
 def _prefilter(projected: ProjectedSplats, camera: Camera, settings: RenderSettings, s: Array) -> tuple[Array, Array]:

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.errors import SettingsError
 from splatcl.lights import Light
-from splatcl.oracle.raster import DepthBuffer, GBuffer
 from splatcl.oracle.rays import Array, _image, _normalize, _ray_length, _rays
 from splatcl.settings import RenderSettings
 
+if TYPE_CHECKING:
+    from splatcl.oracle.raster import DepthBuffer, GBuffer
+
 
 def shade(
-    gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: RenderSettings, epsilon: float = 0.0
+    gbuffer: GBuffer,
+    depth: DepthBuffer,
+    camera: Camera,
+    settings: RenderSettings,
+    gloss: Array | None = None,
+    epsilon: float = 0.0,
 ) -> dict[str, Array]:
-    """Resolve the G-buffer and light each pixel once; `epsilon`, scene units, is for contours alone.
+    """Resolve the G-buffer and light each pixel once.
+
+    `gloss` (H, W, 2) is specular and shininess of each pixel; `epsilon`, scene units, is for contours alone.
 
     Returns
     -------
@@ -36,7 +47,7 @@ def shade(
     else:
         position = np.where(covered[..., None], np.concatenate([s[..., :2], z_covered], axis=-1), 0.0)
     return {
-        "color": color(position, normal, albedo, covered, camera, settings, epsilon),
+        "color": color(position, normal, albedo, covered, camera, settings, gloss, epsilon),
         "P": position,
         "N": normal,
         "albedo": albedo,
@@ -52,49 +63,44 @@ def color(
     covered: Array,
     camera: Camera,
     settings: RenderSettings,
+    gloss: Array | None = None,
     epsilon: float = 0.0,
 ) -> Array:
     """(H, W, 4) linear RGBA of the AOVs P, N and albedo (H, W, 3) where `covered` (H, W); the rest as for `shade`."""
     if settings.shader == "user":
         raise SettingsError("the oracle cannot run a user's shader, which is OpenCL C")
-    if camera.projection == "perspective":
-        to_eye = _normalize(-position)
-    else:
-        to_eye = np.broadcast_to([0.0, 0.0, -1.0], position.shape)
-    if settings.shader == "albedo":
+    if settings.shading != "deferred":  # it was lit before it was blended
         rgb = albedo
-    elif settings.shader == "normal":
-        rgb = 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
     elif settings.shader == "depth":
         rgb = np.repeat(_nearness(position[..., 2], covered, camera)[..., None], 3, axis=-1)
     elif settings.shader == "npr":
-        rgb = _npr(position, normal, albedo, to_eye, covered, camera, settings, epsilon)
+        rgb = _npr(position, normal, albedo, covered, camera, settings, epsilon)
     else:
-        rgb = _phong(position, normal, albedo, to_eye, camera, settings)
+        rgb = shade_points(position, normal, albedo, camera, settings, gloss)
     rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
     return np.where(covered[..., None], rgba, 0.0)
 
 
 def _nearness(z: Array, covered: Array, camera: Camera) -> Array:
-    """(H, W) near / z; orthographic w / (w + z - near), w the image's width in scene units."""
+    """(H, W) near / z; orthographic (far - z) / (far - near), or 1 / (1 + z - near) where far is infinite."""
     if camera.projection == "perspective":
         return camera.near / np.where(covered, z, 1.0)
-    width = camera.width / camera.fx
-    return width / np.where(covered, width + z - camera.near, 1.0)
+    if np.isfinite(camera.far):
+        return (camera.far - z) / (camera.far - camera.near)
+    return 1 / np.where(covered, 1 + z - camera.near, 1.0)
 
 
 def _npr(
     position: Array,
     normal: Array,
     albedo: Array,
-    to_eye: Array,
     covered: Array,
     camera: Camera,
     settings: RenderSettings,
     epsilon: float,
 ) -> Array:
     """(H, W, 3) albedo times the tone that the diffuse light chooses, or the line's colour."""
-    npr, light = settings.npr, np.zeros(normal.shape)
+    npr, light, to_eye = settings.npr, np.zeros(normal.shape), _to_eye(position, camera)
     for one in settings.lights:
         n_l = (normal * _to_light(one, position, to_eye, camera)).sum(axis=-1, keepdims=True)
         light += np.maximum(n_l, 0.0) * one.color
@@ -117,11 +123,37 @@ def _jumps(z: Array) -> Array:
     return jump
 
 
+def shade_points(
+    position: Array, normal: Array, albedo: Array, camera: Camera, settings: RenderSettings, gloss: Array | None = None
+) -> Array:
+    """(..., 3) linear RGB of points of a surface, each by itself; `gloss` as for `shade`, (..., 2)."""
+    if settings.shader == "albedo":
+        return albedo
+    if settings.shader == "normal":
+        return 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
+    return _phong(position, normal, albedo, _to_eye(position, camera), camera, settings, gloss)
+
+
+def _to_eye(position: Array, camera: Camera) -> Array:
+    """(..., 3) unit."""
+    if camera.projection == "orthographic":
+        return np.broadcast_to([0.0, 0.0, -1.0], position.shape)
+    return _normalize(-position)
+
+
 def _phong(
-    position: Array, normal: Array, albedo: Array, to_eye: Array, camera: Camera, settings: RenderSettings
+    position: Array,
+    normal: Array,
+    albedo: Array,
+    to_eye: Array,
+    camera: Camera,
+    settings: RenderSettings,
+    gloss: Array | None,
 ) -> Array:
     """(H, W, 3) albedo (ambient + diffuse sum max(N.L, 0)) + specular sum max(R.V, 0)^shininess."""
     material = settings.material
+    strength: Array | float = material.specular if gloss is None else gloss[..., :1]
+    shininess: Array | float = material.shininess if gloss is None else gloss[..., 1:]
     diffuse, specular = np.zeros(normal.shape), np.zeros(normal.shape)
     for light in settings.lights:
         to_light = _to_light(light, position, to_eye, camera)
@@ -129,8 +161,8 @@ def _phong(
         mirrored = 2 * n_l * normal - to_light
         r_v = np.maximum((mirrored * to_eye).sum(axis=-1, keepdims=True), 0.0)
         diffuse += np.maximum(n_l, 0.0) * light.color
-        specular += np.where(n_l > 0, r_v**material.shininess, 0.0) * light.color
-    return albedo * (material.ambient + material.diffuse * diffuse) + material.specular * specular
+        specular += np.where(n_l > 0, r_v**shininess, 0.0) * light.color
+    return albedo * (material.ambient + material.diffuse * diffuse) + strength * specular
 
 
 def _to_light(light: Light, position: Array, to_eye: Array, camera: Camera) -> Array:
