@@ -1,7 +1,7 @@
 // Flat tones between lines: the diffuse light chooses a tone; lines are where a neighbour's depth differs by more than
 // `contour` or nothing is there (contours), and where N.V < `silhouette`.
 
-#include "toward.h"
+#include "light.h"
 
 #define TAKES_PIXELS
 

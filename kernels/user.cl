@@ -10,7 +10,7 @@
 #define Surface Surfaces
 #include "surface.h"
 #include "gbuffer.h"
-#include "toward.h"
+#include "light.h"
 #undef Surface
 #include ATTRIBUTES
 

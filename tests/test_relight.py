@@ -66,6 +66,24 @@ def test_a_shaded_frame_keeps_its_splats(frame):
     assert frame.shade(shader="normal").probe(24, 18).rows == frame.probe(24, 18).rows
 
 
+def test_attributes_of_splats_are_shaded_again(renderer, tmp_path):
+    """Phong takes the splats' own gloss, a user's shader any attribute, from a render as from a file."""
+    rng, splats = np.random.default_rng(0), random_ellipses()
+    own = {"heat": rng.random(len(splats)), "shininess": rng.uniform(1, 9, len(splats)), "b": rng.random(len(splats))}
+    head = "float4 shade(const Surface s, const Scene scene)"
+    user = {"shader": "user", "user_shader": f"{head} {{ return (float4)(s.attribute.heat, s.attribute.b, 0, 1); }}"}
+    frame = renderer.render(replace(splats, attributes=own), CAMERAS["off_center"], FIRST)
+    frame.save(tmp_path / "frame.exr")
+    relit = Frame.load(tmp_path / "frame.exr").shade(**user)
+    fresh = renderer.render(replace(splats, attributes=own), CAMERAS["off_center"], relit.settings)
+    assert relit.color.tobytes() == fresh.color.tobytes()
+    np.testing.assert_array_equal(relit.color[..., 0], frame["attribute.heat"])
+    np.testing.assert_array_equal(relit.color[..., 1], frame["attribute.b"])
+    assert relit.shade(shader="phong").color.tobytes() == frame.color.tobytes()
+    plain = Frame({name: frame[name] for name in ("P", "N", "albedo", "weight")}, frame.camera, FIRST).shade()
+    assert plain.color.tobytes() != frame.color.tobytes()
+
+
 def test_only_shading_can_be_changed(frame):
     with pytest.raises(SettingsError, match=r"cutoff=1.0 needs a new render: this frame was made with 1.5"):
         frame.shade(cutoff=1.0)
