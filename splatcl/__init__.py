@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from splatcl.errors import SplatclError
     from splatcl.frame import Frame
     from splatcl.io import read, write
-    from splatcl.lights import Light, Material
+    from splatcl.io.frames import read_frame
+    from splatcl.lights import Light, Material, Npr
     from splatcl.render import Renderer, render
     from splatcl.settings import RenderSettings
     from splatcl.splats import Splats
@@ -26,11 +27,13 @@ __all__ = [
     "Frame",
     "Light",
     "Material",
+    "Npr",
     "RenderSettings",
     "Renderer",
     "SplatclError",
     "Splats",
     "read",
+    "read_frame",
     "render",
     "write",
 ]
@@ -39,11 +42,13 @@ _MODULES = {
     "Frame": "frame",
     "Light": "lights",
     "Material": "lights",
+    "Npr": "lights",
     "RenderSettings": "settings",
     "Renderer": "render",
     "SplatclError": "errors",
     "Splats": "splats",
     "read": "io",
+    "read_frame": "io.frames",
     "render": "render",
     "write": "io",
 }

@@ -211,6 +211,19 @@ origin away first."""
 DEVICE_RELATIVE = 2.0**-22
 """Two roundings to float32."""
 
+# ---- shaders
+
+NPR_TIES = 1e-5
+"""Relative change of the light and the contour, absolute one of the silhouette's cosine, below which float32 may choose
+another tone or draw another line: each is a few roundings of numbers of about 1."""
+
+NPR_TIES_SHARE = 0.01
+"""Of the pixels, whose tone or line is that near to another (0.1 % are seen)."""
+
+USER_SHADED = 3e-5
+"""Phong written by a user, by OpenCL's own pow: 16 units in the last place, times float32's rounding of its argument,
+times the shininess of 32."""
+
 # ---- clip lines and sharp features
 
 FEATURE = 1e-9
@@ -223,6 +236,7 @@ and meet a corner less closely than that (seen: 5e-4 with samples on the rim and
 
 FEATURE_SPILL = 2e-6
 """How far a splat may reach over an edge: features.lines.LEAST_CUT of a radius below 1, twice."""
+
 # ---- supersampling
 
 SUPERSAMPLED_ROUNDING = 1e-6
