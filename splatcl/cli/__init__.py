@@ -26,6 +26,7 @@ OPTIONS = {
     **{field.name: f"--{field.name.replace('_', '-')}" for field in fields(RenderSettings) if field.name != "lights"},
     **{name: f"--{name.replace('_', '-')}" for name in ("on_invalid", "tile_size", "allow_inexact", "exposure")},
     **{"azimuth": "--azimuth", "elevation": "--elevation", "up": "--up", "fov_y": "--fov", "image size": "--size"},
+    **{"error": "--error", "angle": "--angle", "num_neighbors": "--num-neighbors"},
 }
 """Parameters of the library and the options that set them."""
 
@@ -49,6 +50,8 @@ COMMANDS = {
     "render": "Render a scan to an OpenEXR file, a PNG, or both.",
     "probe": "Explain one pixel: every splat that touches it, and what became of it.",
     "info": "Say what a scan holds and what of it would be left out.",
+    "decimate": "Cover a scan with fewer, larger splats within an error bound.",
+    "fields": "Estimate how normals turn over each splat, for --method botsch04.",
     "bench": "Measure how fast splats are rendered, and what bounds it.",
     "doctor": "Test a device's arithmetic and its golden images.",
     "devices": "List the OpenCL devices and mark the one that is used.",
