@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from splatcl import features as features
     from splatcl.camera import Camera
+    from splatcl.decimate import decimate
     from splatcl.errors import SplatclError
+    from splatcl.fields import fit_normal_fields, normal_fields
     from splatcl.frame import Frame
     from splatcl.io import read, write
     from splatcl.io.frames import read_frame
@@ -32,6 +34,9 @@ __all__ = [
     "Renderer",
     "SplatclError",
     "Splats",
+    "decimate",
+    "fit_normal_fields",
+    "normal_fields",
     "read",
     "read_frame",
     "render",
@@ -47,6 +52,9 @@ _MODULES = {
     "Renderer": "render",
     "SplatclError": "errors",
     "Splats": "splats",
+    "decimate": "decimate",
+    "fit_normal_fields": "fields",
+    "normal_fields": "fields",
     "read": "io",
     "read_frame": "io.frames",
     "render": "render",
@@ -55,11 +63,11 @@ _MODULES = {
 
 
 class _Package(ModuleType):
-    """The package: importing its module `render` binds that name, which shall stay the function."""
+    """The package: importing a module `render` or `decimate` binds that name, which shall stay the function."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name == "render" and isinstance(value, ModuleType):
-            value = value.render
+        if name in ("decimate", "render") and isinstance(value, ModuleType):
+            value = getattr(value, name)
         super().__setattr__(name, value)
 
 

@@ -269,3 +269,23 @@ DOUBLE_METHODS = 1e-12
 
 TARGET_STEPS = {"float16": 2.0**-8, "unorm8": 2.5 / 255}
 """A weight on the border of two steps may fall to either: a step or two of a sum of a few."""
+# ---- normal fields
+
+FIELD_OF_CONSTANT = 0.01
+"""Error of a sphere's normal at the rim with a field, of that without, where a disc is 3 degrees in radius: the third
+order is 0.0014 times the first, and estimates feel the unevenness of their neighbours (seen: 0.003)."""
+
+FIELD_EXACT = 1e-9
+"""A field that is exact, from normals in float64."""
+
+# ---- decimation
+
+BOUND_SLACK = 1e-9
+"""Float64 rounding of heights and disc coordinates, relative; an output ellipse is computed to hold what it covers."""
+
+BOUND_SLACK_SINGLE = 1e-5
+"""The same of float32 output, in error bounds of a hundredth of the coordinates, which are rounded by up to 6e-8 of
+them, and in cosines."""
+
+BOUND_SLACK_SURVEY = 1e-7
+"""The same at coordinates of 5e6, which float64 rounds by up to 5e-10, in error bounds of 0.1."""

@@ -33,6 +33,8 @@ OPTIONS = {
         "fov_y": "--fov",
         "image size": "--size",
     },
+    **{"azimuth": "--azimuth", "elevation": "--elevation", "up": "--up", "fov_y": "--fov", "image size": "--size"},
+    **{"error": "--error", "angle": "--angle", "num_neighbors": "--num-neighbors"},
 }
 """Parameters of the library and the options that set them."""
 
@@ -59,6 +61,8 @@ COMMANDS = {
     "probe": "Explain one pixel: every splat that touches it, and what became of it.",
     "features": "Make splats of a mesh that end at its sharp edges.",
     "info": "Say what a scan holds and what of it would be left out.",
+    "decimate": "Cover a scan with fewer, larger splats within an error bound.",
+    "fields": "Estimate how normals turn over each splat, for --method botsch04.",
     "bench": "Measure how fast splats are rendered, and what bounds it.",
     "doctor": "Test a device's arithmetic and its golden images.",
     "devices": "List the OpenCL devices and mark the one that is used.",
