@@ -42,10 +42,11 @@ static inline void store3(global real *out, long p, reals3 v, int lane)
 // GLOSS: bit 0 and 1 say that the first or second of the three channels of `gloss` stands for the material's specular
 // coefficient or shininess.
 kernel void shade(constant View *view, constant Shading *shading, constant PhongLight *lights, GBUFFER,
-                  global const real *gloss, global real *color)
+                  global const real *gloss, global real *color LIGHT_ARGUMENTS)
 {
   PIXELS;
   Surface s = surface_at(view, x, y, p, depth, weight_sum, color_sum, normal_sum, depth_sum);
+  TAKE_LIGHT_ARGUMENTS(s);
   s.specular = (reals)shading->specular;
   s.shininess = (reals)shading->shininess;
 #if GLOSS & 1

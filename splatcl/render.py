@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,6 +19,7 @@ from splatcl.passes import BEHIND, Passes
 from splatcl.pipeline import DepthBuffer, GBuffer
 from splatcl.resident import GLOSS, ResidentSplats, upload
 from splatcl.settings import RenderSettings
+from splatcl.shadows import cast
 from splatcl.splats import PREFIX, Splats
 from splatcl.worker import worker
 
@@ -38,6 +39,11 @@ class Resident:
     def epsilon(self, settings: RenderSettings) -> float:
         """Return the depth tolerance, scene units."""
         return self.auto_epsilon if settings.epsilon == "auto" else settings.epsilon
+
+    @cached_property
+    def sphere(self) -> tuple[NDArray[np.float64], float]:
+        """The splats' bounding sphere, around which shadow maps are drawn."""
+        return self.splats.bounding_sphere
 
     def prepared(self, settings: RenderSettings) -> Resident:
         """Return the splats as the settings take them, and keep them; `SettingsError` where they cannot."""
@@ -175,7 +181,10 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
         if name
     }
     gloss = sum(1 << k for k, name in enumerate(GLOSS) if name in names)
-    color = pipeline.shade(passes, view, depth, gbuffer, channels[0][0] if gloss else None, gloss)
+    if settings.shader == "lightmap" and "shininess" in names:
+        raise SettingsError("shader='lightmap' is made for one shininess: leave the splats' attribute shininess out")
+    shadows = cast(passes, on_device, resident, epsilon)
+    color = pipeline.shade(passes, view, depth, gbuffer, channels[0][0] if gloss else None, gloss, shadows)
     aovs = DeviceAovs(passes, view, depth, gbuffer, color, names)
     metadata = {
         "epsilon": epsilon,
@@ -184,6 +193,8 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
         "notes": list(resident.splats.notes),
         "device": f"{passes.device.info.version}, {passes.device.info.name}",
     }
+    if shadows:
+        metadata["shadow_bias"] = shadows.bias
     if inexact := passes.device.strictness.reason(settings.precision):
         metadata["inexact"] = inexact
     return Frame(aovs, camera, settings, metadata)
