@@ -42,7 +42,7 @@ app = App(
     version=_version,
     help_format="plaintext",
     suppress_keyboard_interrupt=False,
-    # No --no-... flags; a tuple takes all the values that follow; lights are for Python only.
+    # No --no-... flags; a tuple takes all the values that follow; lights are texts here (--light).
     default_parameter=Parameter(negative=(), consume_multiple=True, parse=re.compile("^(?!lights)")),
 )
 COMMANDS = {

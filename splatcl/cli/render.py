@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from cyclopts import Parameter
 
+from splatcl.cli.light import with_lights
 from splatcl.cli.view import View, read_scan
 from splatcl.errors import CheckError, SettingsError
 from splatcl.progress import stage
@@ -32,6 +33,7 @@ def render(
     exposure: float = 0.0,
     view: Annotated[View | None, Parameter(name="*", group="Camera")] = None,
     settings: Annotated[RenderSettings | None, Parameter(name="*", group="Settings")] = None,
+    light: Annotated[list[str] | None, Parameter(consume_multiple=False, group="Settings")] = None,
     on_invalid: OnInvalid = "error",
     device: str | None = None,
     tile_size: int = 16,
@@ -52,6 +54,9 @@ def render(
         .png file to write.
     exposure : float
         Stops, for the PNG.
+    light : str
+        A light, such as kind=spot,vector=0:2:1,direction=0:-1:0,color=1:1:1,shadow=pcf (docs/lights.md), in place of
+        the headlight; give the option again for each further light.
     on_invalid : str
         What to do with splats that have non-finite numbers or no area.
     device : str
@@ -72,7 +77,7 @@ def render(
     outputs = check_outputs(output, png, exposure)
     if (margin or envelope) and all(path.suffix.lower() != ".exr" for path in outputs):
         raise SettingsError("--margin and --envelope are for .exr: give -o FILE.exr")
-    view, settings = view or View(), settings or RenderSettings()
+    view, settings = view or View(), with_lights(settings or RenderSettings(), light)
     camera = view.file_camera()
     renderer = splatcl.Renderer(device=device, tile_size=tile_size, allow_inexact=allow_inexact)
 

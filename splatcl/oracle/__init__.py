@@ -33,6 +33,8 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect, _out_of_range
+from splatcl.oracle.light_view import shadow_maps
+from splatcl.oracle.lightmap import gathered
 from splatcl.oracle.project import ProjectedSplats, _disc_bounds, _prefilter_point, bin, project
 from splatcl.oracle.raster import DepthBuffer, GBuffer, _depth_margin, _prefilter, _weight, attributes, visibility
 from splatcl.oracle.rays import (
@@ -56,6 +58,7 @@ from splatcl.oracle.rays import (
     _s_center,
 )
 from splatcl.oracle.shade import _phong, _to_light, shade
+from splatcl.oracle.shadow import Lookup, ShadowMap, lookup
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
@@ -71,7 +74,9 @@ __all__ = [
     "Array",
     "DepthBuffer",
     "GBuffer",
+    "Lookup",
     "ProjectedSplats",
+    "ShadowMap",
     "_Discs",
     "_Hits",
     "_chunks",
@@ -96,10 +101,13 @@ __all__ = [
     "attributes",
     "auto_epsilon",
     "bin",
+    "gathered",
+    "lookup",
     "passes",
     "project",
     "render",
     "shade",
+    "shadow_maps",
     "visibility",
 ]
 
@@ -125,8 +133,9 @@ def passes(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
         means = np.nan_to_num(gbuffer.channel_sum / gbuffer.weight_sum[..., None])
     named = {name: means[..., k] for k, name in enumerate(names)}
     pixel_gloss = _gloss(named, settings, gbuffer.weight_sum.shape)
+    shadows = shadow_maps(splats, settings, epsilon)
     return {
-        **shade(gbuffer, depth, camera, settings, pixel_gloss),
+        **shade(gbuffer, depth, camera, settings, pixel_gloss, shadows),
         "Z": depth.depth,
         "weight": gbuffer.weight_sum,
         "count": gbuffer.count,

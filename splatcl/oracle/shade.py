@@ -8,7 +8,9 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.lights import Light
+from splatcl.oracle.lightmap import lightmap
 from splatcl.oracle.rays import Array, _image, _normalize, _ray_length, _rays
+from splatcl.oracle.shadow import Shadows, lookup
 from splatcl.settings import RenderSettings
 
 if TYPE_CHECKING:
@@ -16,9 +18,16 @@ if TYPE_CHECKING:
 
 
 def shade(
-    gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: RenderSettings, gloss: Array | None = None
+    gbuffer: GBuffer,
+    depth: DepthBuffer,
+    camera: Camera,
+    settings: RenderSettings,
+    gloss: Array | None = None,
+    shadows: Shadows = (),
 ) -> dict[str, Array]:
     """Resolve the G-buffer and light each pixel once; `gloss` (H, W, 2) is specular and shininess of each pixel.
+
+    `shadows` are the lights' maps (`shadow_maps`); none where omitted.
 
     Returns
     -------
@@ -39,7 +48,7 @@ def shade(
     else:
         position = np.where(covered[..., None], np.concatenate([s[..., :2], z_covered], axis=-1), 0.0)
     was_lit = settings.shading != "deferred"  # before it was blended
-    rgb = albedo if was_lit else shade_points(position, normal, albedo, camera, settings, gloss)
+    rgb = albedo if was_lit else shade_points(position, normal, albedo, camera, settings, gloss, shadows)
     rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
     return {
         "color": np.where(covered[..., None], rgba, 0.0),
@@ -52,9 +61,15 @@ def shade(
 
 
 def shade_points(
-    position: Array, normal: Array, albedo: Array, camera: Camera, settings: RenderSettings, gloss: Array | None = None
+    position: Array,
+    normal: Array,
+    albedo: Array,
+    camera: Camera,
+    settings: RenderSettings,
+    gloss: Array | None = None,
+    shadows: Shadows = (),
 ) -> Array:
-    """(..., 3) linear RGB of points of a surface, each by itself; `gloss` as for `shade`, (..., 2)."""
+    """(..., 3) linear RGB of points of a surface, each by itself; `gloss` as for `shade`, (..., 2), `shadows` too."""
     if settings.shader == "albedo":
         return albedo
     if settings.shader == "normal":
@@ -62,7 +77,20 @@ def shade_points(
     to_eye = _normalize(-position)
     if camera.projection == "orthographic":
         to_eye = np.broadcast_to([0.0, 0.0, -1.0], position.shape)
-    return _phong(position, normal, albedo, to_eye, camera, settings, gloss)
+    if settings.shader == "lightmap":
+        return _from_lightmap(normal, albedo, to_eye, camera, settings, gloss)
+    return _phong(position, normal, albedo, to_eye, camera, settings, gloss, shadows)
+
+
+def _from_lightmap(
+    normal: Array, albedo: Array, to_eye: Array, camera: Camera, settings: RenderSettings, gloss: Array | None
+) -> Array:
+    """(..., 3) Phong with the light map's sums; ambient light alone where there is no normal."""
+    material = settings.material
+    diffuse, specular = lightmap(normal, to_eye, camera, settings)
+    strength: Array | float = material.specular if gloss is None else gloss[..., :1]
+    lit = albedo * material.diffuse * diffuse + strength * specular
+    return albedo * material.ambient + np.where(normal.any(axis=-1, keepdims=True), lit, 0.0)
 
 
 def _phong(
@@ -73,19 +101,23 @@ def _phong(
     camera: Camera,
     settings: RenderSettings,
     gloss: Array | None,
+    shadows: Shadows,
 ) -> Array:
     """(H, W, 3) albedo (ambient + diffuse sum max(N.L, 0)) + specular sum max(R.V, 0)^shininess."""
     material = settings.material
     strength: Array | float = material.specular if gloss is None else gloss[..., :1]
     shininess: Array | float = material.shininess if gloss is None else gloss[..., 1:]
     diffuse, specular = np.zeros(normal.shape), np.zeros(normal.shape)
-    for light in settings.lights:
+    for i, light in enumerate(settings.lights):
         to_light = _to_light(light, position, to_eye, camera)
+        tint = _cone(light, to_light, camera) * light.color
+        if shadows and (shadow_map := shadows[i]):
+            tint = tint * lookup(shadow_map, position, camera).share[..., None]
         n_l = (normal * to_light).sum(axis=-1, keepdims=True)
         mirrored = 2 * n_l * normal - to_light
         r_v = np.maximum((mirrored * to_eye).sum(axis=-1, keepdims=True), 0.0)
-        diffuse += np.maximum(n_l, 0.0) * light.color
-        specular += np.where(n_l > 0, r_v**shininess, 0.0) * light.color
+        diffuse += np.maximum(n_l, 0.0) * tint
+        specular += np.where(n_l > 0, r_v**shininess, 0.0) * tint
     return albedo * (material.ambient + material.diffuse * diffuse) + strength * specular
 
 
@@ -97,3 +129,12 @@ def _to_light(light: Light, position: Array, to_eye: Array, camera: Camera) -> A
     if light.kind == "directional":
         return np.broadcast_to(_normalize(vector), position.shape)
     return _normalize(vector + camera.eye_from_world[:3, 3] - position)
+
+
+def _cone(light: Light, to_light: Array, camera: Camera) -> Array:
+    """(..., 1) how much of a spot's light goes this way: linear in the cosine between its two angles."""
+    if light.kind != "spot":
+        return np.ones((*to_light.shape[:-1], 1))
+    direction = _normalize(camera.eye_from_world[:3, :3] @ light.direction)
+    inner, outer = np.cos(np.radians([light.inner, light.outer]))
+    return np.clip(((-to_light @ direction)[..., None] - outer) / max(inner - outer, 1e-30), 0.0, 1.0)
