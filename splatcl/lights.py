@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
-
-import numpy as np
-from numpy.typing import ArrayLike
+from typing import TYPE_CHECKING, Literal
 
 from splatcl.errors import SettingsError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 Vector = tuple[float, float, float]
 MAX_RADIANCE = 1e9
@@ -117,6 +117,8 @@ def environment_lights(image: ArrayLike, rows: int = 16, up: Literal["y", "z"] =
     SettingsError
         The image is not (H, W, 3), holds numbers that are negative or not finite, or does not fit `rows`.
     """
+    import numpy as np  # not for `splatcl --help`
+
     pixels = np.asarray(image, np.float64)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
         raise SettingsError(f"an environment image is (H, W, 3), not {pixels.shape}")
