@@ -152,10 +152,7 @@ class Renderer:
     def prepare(
         self, resident: Resident, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)
     ) -> tuple[Passes, ResidentSplats]:
-        """Return what every pass of one frame needs, and the splats on the device. For functions given to `call`.
-
-        `first` is the column and row of a window's first pixel (`Passes`).
-        """
+        """Return `passes` and the splats on the device. For functions given to `call`."""
         passes, device = self.passes(camera, settings, first), self.device
         key = (device, settings.precision)
         if key not in resident._on_device:
@@ -163,7 +160,7 @@ class Renderer:
         return passes, resident._on_device[key]
 
     def passes(self, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)) -> Passes:
-        """Return what every pass of one frame needs. For functions given to `call`; `first` as for `prepare`."""
+        """Return what every pass of one frame needs. For functions given to `call`; `first` as for `Passes`."""
         if settings.precision == "double" and not self.supports_double:
             raise DeviceError(f"{self.device.info.name} has no double precision; choose another device")
         return Passes(self.device, camera, settings, self._arguments[1], settings.precision, first)
@@ -270,9 +267,8 @@ class DeviceAovs(Mapping[str, NDArray[Any]]):
     def _read(self, name: str) -> NDArray[Any]:
         if self._buffers[name][0] is None:
             for resolved, buffer in self._resolve().items():
-                if resolved not in self._buffers:
-                    continue
-                self._buffers[resolved] = (buffer, *self._buffers[resolved][1:])
+                if resolved in self._buffers:
+                    self._buffers[resolved] = (buffer, *self._buffers[resolved][1:])
         buffer, channels, dtype = self._buffers[name]
         camera = self._passes.camera
         shape: tuple[int, ...] = (camera.height, camera.width) + ((channels,) if channels > 1 else ())
