@@ -102,7 +102,7 @@ static inline masks surely_away(reals3 tu, reals3 tv, reals3 c, reals error)
   return MASK(dot3(g, c) > size * (length1(c) * FACING_SLACK + error * R(2.0)));
 }
 
-// The pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
+// The window's pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
 typedef struct {
   range x, y;
   reals near_z;
@@ -133,7 +133,7 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   if (!ANY(*alive)) return t;
   const masks in_front = MASK(c.z + error >= near);
   places s = {c, error, c.z - deep, c.z + deep, in_front, view->prefilter_radius};
-  if (!(view->prefilter || ELLIPSE)) s.filtered = 0;
+  if (!(view->prefilter | ELLIPSE)) s.filtered = 0;
   reals wide = square_root(tu.x * tu.x + tv.x * tv.x), high = square_root(tu.y * tu.y + tv.y * tv.y);
 #if !ORTHOGRAPHIC
   // Only a disc that comes nearer to the eye plane than that is cut at near (project.cl, CLEAR).
@@ -151,9 +151,10 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   spread_x = wide + magnitude(c.x) * lean;
   spread_y = high + magnitude(c.y) * lean;
 #endif
-  x = pixels(&s, x, slack, c.x, spread_x, view->fx_hi, view->cx_hi);
-  y = pixels(&s, y, slack, c.y, spread_y, view->fy_hi, view->cy_hi);
-  if (view->prefilter_at_bounds || view->low_pass_reach > R(0.0)) {  // its centre may be anywhere in them
+  x = pixels(&s, x, slack, c.x, spread_x, view->fx_hi, view->cx_hi - (real)view->first_column);
+  y = pixels(&s, y, slack, c.y, spread_y, view->fy_hi, view->cy_hi - (real)view->first_row);
+  const int around_bounds = view->prefilter_at_bounds | (view->low_pass_reach > R(0.0));
+  if (around_bounds) {  // its centre may be anywhere in them
     const reals around = (reals)(at_least_of(view->prefilter_radius, view->low_pass_reach) + PIXEL_SLACK);
     x = (range){x.first - around, x.last + around};
     y = (range){y.first - around, y.last + around};

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.camera import Camera
@@ -34,7 +35,8 @@ class Frame:
     aovs : mapping of str to array
         May compute its values when they are first asked for.
     camera : Camera
-    settings : RenderSettings
+    settings : RenderSettings, optional
+        Those of the render; the defaults for AOVs from elsewhere.
     metadata : dict
         What else the output shall record (JSON's types or NumPy numbers): the epsilon used, the device ...
     """
@@ -43,12 +45,12 @@ class Frame:
         self,
         aovs: Mapping[str, NDArray[Any]],
         camera: Camera,
-        settings: RenderSettings,
+        settings: RenderSettings | None = None,
         metadata: dict[str, Any] | None = None,
     ) -> None:
         self._aovs = aovs
         self.camera = camera
-        self.settings = settings
+        self.settings = RenderSettings() if settings is None else settings
         self.metadata = dict(metadata or {})
         self.rendered_from: tuple[Renderer, Splats | Resident] | None = None
         self._added: dict[str, NDArray[Any]] = {}
@@ -65,7 +67,11 @@ class Frame:
 
     @property
     def color(self) -> NDArray[Any]:
-        """(H, W, 4) float32 linear RGB and alpha (1 where a splat is, else 0)."""
+        """(H, W, 4) float32 linear RGB and alpha: 1 where a splat is, else 0.
+
+        Supersampled, both are means over the samples: alpha is what splats cover of a pixel, and RGB is associated
+        (premultiplied), as OpenEXR has it.
+        """
         return self["color"]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -90,7 +96,7 @@ class Frame:
 
     def keys(self) -> tuple[str, ...]:
         """Names of the AOVs."""
-        return (*self._aovs, *self._added)
+        return tuple(dict.fromkeys((*self._aovs, *self._added)))
 
     def save(self, path: str | os.PathLike[str], exposure: float = 0.0) -> None:
         """Write every AOV as OpenEXR (.exr) or the picture as 8-bit sRGB (.png).
@@ -116,11 +122,50 @@ class Frame:
 
         suffix = output_format(path)
         if suffix == ".png":
-            write_png(path, self.color, exposure)
+            write_png(path, self._straight_color(), exposure)
         elif exposure:
             raise SplatclError(f"{path}: exposure is for .png; an .exr holds the linear values")
         else:
             write_exr(path, self)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Frame:
+        """Read a frame that splatcl wrote as .exr, to look at or to `shade` again; see `splatcl.read_frame`."""
+        from splatcl.io.frames import read_frame
+
+        return read_frame(path)
+
+    def shade(self, settings: RenderSettings | None = None, **changes: Any) -> Frame:
+        """Return this frame lit and shaded anew from its AOVs, without its splats (docs/shaders.md).
+
+        A frame of `render` gets the same bits as a fresh render with the same settings, also after it was saved as
+        .exr and loaded, but for double precision, which the file rounds.
+
+        Parameters
+        ----------
+        settings : RenderSettings, optional
+            Shader, lights, material and the like are taken from here; the frame's own by default. What is not of
+            shading must be as it was for this frame, or as the defaults are.
+        **changes
+            Fields of `settings` to change, such as ``shader="npr"``.
+
+        Raises
+        ------
+        SplatclError
+            The frame lacks P, N or albedo (eye space, (H, W, 3)), or its lighting is blended already.
+        SettingsError
+            The change needs a new render, or the shader does not compile.
+        """
+        from splatcl.relight import relight
+
+        return relight(self, settings, changes)
+
+    def with_color(self, color: NDArray[Any], settings: RenderSettings, metadata: dict[str, Any]) -> Frame:
+        """Return this frame with other colors, the settings they were made with, and `metadata` added."""
+        frame = Frame(self._aovs, self.camera, settings, self.metadata | metadata)
+        frame.rendered_from = self.rendered_from
+        frame._added = self._added | {"color": color}
+        return frame
 
     def probe(self, x: int, y: int) -> Probe:
         """Explain a pixel: every splat that touches it or nearly does, and what became of it.
@@ -168,6 +213,11 @@ class Frame:
 
     def origin(self, purpose: str) -> tuple[Renderer, Splats | Resident]:
         """Return the renderer and the splats that the frame was rendered with; `purpose` is what for."""
+        if self.settings.supersampling > 1:
+            raise SplatclError(
+                f"cannot {purpose} a supersampled frame: decisions are made at samples, and its pixels are means of "
+                f"{self.settings.supersampling**2} samples each; render with supersampling=1"
+            )
         if self.rendered_from is None:
             raise SplatclError(
                 f"cannot {purpose} a frame without its splats (it was read or unpickled); render it again"
@@ -177,7 +227,14 @@ class Frame:
     def _repr_png_(self) -> bytes:
         from splatcl.io.png import encode_png
 
-        return encode_png(self.color)
+        return encode_png(self._straight_color())
+
+    def _straight_color(self) -> NDArray[Any]:
+        """Return `color` with straight alpha, as PNG has it; the two differ where alpha is neither 0 nor 1."""
+        if self.settings.supersampling == 1:
+            return self.color
+        rgb, alpha = self.color[..., :3], self.color[..., 3:]
+        return np.concatenate([rgb / np.where(alpha > 0, alpha, 1), alpha], axis=-1)
 
     def __repr__(self) -> str:
         return f"<Frame {self.width}x{self.height}: {', '.join(self)}>"

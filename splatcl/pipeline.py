@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.lighting import Shadows, light_arguments, light_options, shading_structs
+from splatcl.lighting import shading_structs as shading_structs
 from splatcl.passes import BEHIND, EVERY, PER_FRAGMENT, PER_SPLAT, PREFILTERS, Passes
 from splatcl.resident import PLANE_PAD, ResidentSplats
 from splatcl.settings import RenderSettings
+from splatcl.shading import resolve as resolve
+from splatcl.shading import shade as shade
 
 MAX_CHUNKS = 64
 MIN_CHUNK = 1024
@@ -208,8 +210,9 @@ def visibility(
     camera = passes.camera
     passes.run_raster(
         "visibility", lists, projected.records, projected.extra, projected.disc_near_z, lists.ids, lists.start,
-        lists.begin_buffer, lists.first_tile, passes.tiles_x, camera.width, camera.height, camera.near, camera.far,
-        depth.depth, depth.particleid, BEHIND_FRONT=int(layer == BEHIND), **projected.options,
+        lists.begin_buffer, lists.first_tile, passes.tiles_x, passes.first_column, passes.first_row, camera.width,
+        camera.height, camera.near, camera.far, depth.depth, depth.particleid, BEHIND_FRONT=int(layer == BEHIND),
+        **projected.options,
     )  # fmt: skip
 
 
@@ -279,44 +282,6 @@ def fragment_arguments(passes: Passes, epsilon: float) -> tuple[tuple[Any, ...],
     )  # fmt: skip
     prefilter = PREFILTERS[settings.prefilter]
     return arguments, {"PREFILTER": prefilter, "KERNEL": int(kernel), "TARGET": passes.target}
-
-
-def shade(
-    passes: Passes,
-    view: Any,
-    depth: DepthBuffer,
-    gbuffer: GBuffer,
-    gloss: Any = None,
-    has: int = 0,
-    shadows: Shadows | None = None,
-) -> Any:
-    """Return the (H, W, 4) linear RGBA buffer, shaded once per pixel (kernels/shade.cl).
-
-    `gloss` is an (H, W, 3) image whose first channels are specular and shininess, as the bits of `has` say.
-    """
-    color, sums, structs = passes.image(4), _sums(depth, gbuffer), shading_structs(passes)
-    further = light_arguments(passes, structs, shadows)
-    _run_shade(passes, "shade", view, *structs, *sums, gloss or sums[0], color, *further, GLOSS=has)
-    return color
-
-
-def resolve(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> dict[str, Any]:
-    """Return buffers of what the sums say of the surface: P, N, albedo, depth.mean, depth.distance."""
-    surface = {"P": 3, "N": 3, "albedo": 3, "depth.mean": 1, "depth.distance": 1}
-    buffers = {name: passes.image(channels) for name, channels in surface.items()}
-    _run_shade(passes, "resolve", view, *_sums(depth, gbuffer), *buffers.values())
-    return buffers
-
-
-def _run_shade(passes: Passes, kernel: str, *args: Any, **options: int) -> None:
-    size = (-(-passes.camera.width // passes.lanes), passes.camera.height)
-    shader = passes.settings.shader if passes.settings.shading == "deferred" else "albedo"  # lit before it was blended
-    options = {"GLOSS": 0, **light_options(passes.settings), **options}
-    passes.run(kernel, size, *args, SHADER=f'"{shader}.h"', **options)
-
-
-def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:
-    return depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum
 
 
 def effective_settings(settings: RenderSettings, oriented: bool) -> RenderSettings:

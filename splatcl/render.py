@@ -15,12 +15,14 @@ from splatcl.camera import Camera
 from splatcl.device import DeviceQueue, WorkItem, forked
 from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
+from splatcl.lighting import Shadows
 from splatcl.passes import BEHIND, Passes
 from splatcl.pipeline import DepthBuffer, GBuffer
-from splatcl.resident import GLOSS, ResidentSplats, upload
+from splatcl.resident import ResidentSplats, upload
 from splatcl.settings import RenderSettings
 from splatcl.shadows import cast
 from splatcl.splats import PREFIX, Splats
+from splatcl.supersampling import NEIGHBOURS, supersampled
 from splatcl.worker import worker
 
 TILE_SIZES = (8, 16, 32, 64)
@@ -147,20 +149,58 @@ class Renderer:
         assert self._device
         return self._device
 
-    def prepare(self, resident: Resident, camera: Camera, settings: RenderSettings) -> tuple[Passes, ResidentSplats]:
-        """Return what every pass of one frame needs, and the splats on the device. For functions given to `call`."""
-        device = self.device
-        if settings.precision == "double" and not self.supports_double:
-            raise DeviceError(f"{device.info.name} has no double precision; choose another device")
+    def prepare(
+        self, resident: Resident, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)
+    ) -> tuple[Passes, ResidentSplats]:
+        """Return what every pass of one frame needs, and the splats on the device. For functions given to `call`.
+
+        `first` is the column and row of a window's first pixel (`Passes`).
+        """
+        passes, device = self.passes(camera, settings, first), self.device
         key = (device, settings.precision)
         if key not in resident._on_device:
             resident._on_device[key] = upload(device, resident.splats, settings.precision)
-        passes = Passes(device, camera, settings, self._arguments[1], settings.precision)
         return passes, resident._on_device[key]
+
+    def passes(self, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)) -> Passes:
+        """Return what every pass of one frame needs. For functions given to `call`; `first` as for `prepare`."""
+        if settings.precision == "double" and not self.supports_double:
+            raise DeviceError(f"{self.device.info.name} has no double precision; choose another device")
+        return Passes(self.device, camera, settings, self._arguments[1], settings.precision, first)
 
 
 def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> Frame:
-    passes, on_device = renderer.prepare(resident, camera, settings)
+    shadows = cast(*renderer.prepare(resident, camera, settings), resident, resident.epsilon(settings))
+
+    def window(camera: Camera, first: tuple[int, int] = (0, 0)) -> DeviceAovs:
+        return _draw(renderer, resident, camera, settings, first, shadows)
+
+    n = settings.supersampling
+    aovs = window(camera) if n == 1 else supersampled(camera, n, window, NEIGHBOURS.get(settings.shader, 0))
+    metadata = {
+        "epsilon": resident.epsilon(settings),
+        "num_splats": len(resident.splats),
+        "num_dropped": resident.splats.num_dropped,
+        "notes": list(resident.splats.notes),
+        "device": f"{renderer.device.info.version}, {renderer.device.info.name}",
+    }
+    if shadows:
+        metadata["shadow_bias"] = shadows.bias
+    if inexact := renderer.device.strictness.reason(settings.precision):
+        metadata["inexact"] = inexact
+    return Frame(aovs, camera, settings, metadata)
+
+
+def _draw(
+    renderer: Renderer,
+    resident: Resident,
+    camera: Camera,
+    settings: RenderSettings,
+    first: tuple[int, int],
+    shadows: Shadows | None,
+) -> DeviceAovs:
+    """Run the passes for the window of a larger image that begins at `first` (`Passes`)."""
+    passes, on_device = renderer.prepare(resident, camera, settings, first)
     epsilon = resident.epsilon(settings)
     view = passes.view(on_device.origin)
     depth, gbuffer = pipeline.frame_buffers(passes)
@@ -180,24 +220,8 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
         for k, name in enumerate(g.names)
         if name
     }
-    gloss = sum(1 << k for k, name in enumerate(GLOSS) if name in names)
-    if settings.shader == "lightmap" and "shininess" in names:
-        raise SettingsError("shader='lightmap' is made for one shininess: leave the splats' attribute shininess out")
-    shadows = cast(passes, on_device, resident, epsilon)
-    color = pipeline.shade(passes, view, depth, gbuffer, channels[0][0] if gloss else None, gloss, shadows)
-    aovs = DeviceAovs(passes, view, depth, gbuffer, color, names)
-    metadata = {
-        "epsilon": epsilon,
-        "num_splats": len(resident.splats),
-        "num_dropped": resident.splats.num_dropped,
-        "notes": list(resident.splats.notes),
-        "device": f"{passes.device.info.version}, {passes.device.info.name}",
-    }
-    if shadows:
-        metadata["shadow_bias"] = shadows.bias
-    if inexact := passes.device.strictness.reason(settings.precision):
-        metadata["inexact"] = inexact
-    return Frame(aovs, camera, settings, metadata)
+    color = pipeline.shade(passes, view, depth, gbuffer, epsilon, names, shadows)
+    return DeviceAovs(passes, view, depth, gbuffer, color, names)
 
 
 class DeviceAovs(Mapping[str, NDArray[Any]]):

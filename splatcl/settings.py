@@ -84,7 +84,7 @@ class RenderSettings:
     shader : {"phong", "lightmap", "npr", "albedo", "normal", "depth", "user"}
         docs/shaders.md shows each.
     user_shader : str
-        OpenCL C of ``shader="user"``: a function ``float4 shade(Surface s, Scene scene)``.
+        OpenCL C of ``shader="user"``: a function ``float4 shade(const Surface s, const Scene scene)``.
     user_shader_name : str
         What compile errors call it.
     lights : tuple of Light
@@ -100,7 +100,7 @@ class RenderSettings:
     half_inputs : bool
         Centres and normals are rounded to 16 bits before anything else ([BHZK05] section 6).
     supersampling : int
-        n: render n x n as many pixels and average them.
+        n: render n x n as many pixels and average them (docs/supersampling.md).
 
     Raises
     ------
@@ -162,8 +162,7 @@ class RenderSettings:
 
     def _check_further(self) -> None:
         """Check what has come with other methods than [BHZK05]'s."""
-        if not isinstance(self.npr, Npr):
-            raise SettingsError(f"npr {self.npr!r} is not an Npr")
+        self._set("npr", _checked_npr(self.npr))
         self._set("time", _number("time", self.time, -1e9, 1e9))
         n = _number("supersampling", self.supersampling, 1, MAX_SUPERSAMPLING)
         if n != int(n):
@@ -202,8 +201,8 @@ class RenderSettings:
             raise SettingsError("normals='field' has no effect where shading='splat' takes each splat's centre alone")
         if self.target == "float64" and self.precision == "single":
             raise SettingsError("target='float64' needs precision='double'")
-        if (self.shader == "user") != bool(self.user_shader):
-            raise SettingsError("shader='user' and user_shader go together: give both or neither")
+        if self.user_shader and self.shader != "user":
+            raise SettingsError("user_shader needs shader='user'")
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
@@ -238,6 +237,19 @@ def _check_light(light: Light) -> None:
         raise SettingsError(
             "a headlight shines from the eye, which sees none of its shadows: choose shadow='none' or another kind"
         )
+
+
+def _checked_npr(npr: Any) -> Npr:
+    if not isinstance(npr, Npr):
+        raise SettingsError(f"npr {npr!r} is not an Npr")
+    tones = tuple(_number("npr.tones", tone, 0.0, 1e4) for tone in _tuple_of("npr.tones", npr.tones, object))
+    if not 1 <= len(tones) <= MAX_TABLE:
+        raise SettingsError(f"npr.tones has {len(tones)} tones; it takes 1 to {MAX_TABLE}")
+    line = tuple(_number("npr.line", value, 0.0, 1e4) for value in _tuple_of("npr.line", npr.line, object))
+    if len(line) != 3:
+        raise SettingsError(f"npr.line {line!r} is not three numbers")
+    contour = npr.contour if npr.contour == "auto" else _number("npr.contour", npr.contour, 0.0, 1e15)
+    return Npr(tones, contour, _number("npr.silhouette", npr.silhouette, -1.0, 1.0), (line[0], line[1], line[2]))
 
 
 def _tuple_of(name: str, values: Any, kind: type) -> tuple[Any, ...]:

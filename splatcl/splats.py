@@ -170,8 +170,7 @@ class Splats:
         length = np.linalg.norm(u, axis=1, keepdims=True)
         turned = np.cross(self.normal, u)
         grow = self.radius[:, None] / length
-        dtype = self.tangent_u.dtype
-        return replace(self, tangent_u=(u * grow).astype(dtype), tangent_v=(turned * grow).astype(dtype))
+        return replace(self, tangent_u=u * grow, tangent_v=turned * grow)
 
     def half_precision(self) -> Splats:
         """Return the splats with centres and normals rounded to 16-bit floats ([BHZK05] section 6).
@@ -195,7 +194,7 @@ class Splats:
             tangents[name] = flat.astype(getattr(self, name).dtype)
         return replace(self, center=rounded.astype(self.center.dtype), **tangents)
 
-    def take(self, ids: ArrayLike) -> Splats:
+    def take(self, ids: ArrayLike | slice) -> Splats:
         """Return the splats at `ids` (indices, a mask or a slice), in that order."""
         key: Any = ids if isinstance(ids, slice) else np.asarray(ids)
         if not isinstance(key, slice) and not key.size:
@@ -251,7 +250,7 @@ def _half(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _unusable(array: NDArray[Any]) -> NDArray[np.uint8]:
     """Return (N,) the index in `REASONS` of what is wrong with the rows of an optional array, 0 for nothing."""
-    rows = array.reshape(len(array), -1)
+    rows = array.reshape(len(array), int(np.prod(array.shape[1:])))
     with np.errstate(invalid="ignore"):
         finite, small = np.isfinite(rows).all(axis=1), (np.abs(rows) <= MAX_MAGNITUDE).all(axis=1)
     return np.select([~finite, ~small], [1, 2], 0).astype(np.uint8)

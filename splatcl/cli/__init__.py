@@ -25,7 +25,16 @@ MISTAKEN_PATH = frozenset(
 OPTIONS = {
     **{field.name: f"--{field.name.replace('_', '-')}" for field in fields(RenderSettings) if field.name != "lights"},
     **{name: f"--{name.replace('_', '-')}" for name in ("on_invalid", "tile_size", "allow_inexact", "exposure")},
+    **{
+        "azimuth": "--azimuth",
+        "elevation": "--elevation",
+        "angle": "--angle",
+        "up": "--up",
+        "fov_y": "--fov",
+        "image size": "--size",
+    },
     **{"azimuth": "--azimuth", "elevation": "--elevation", "up": "--up", "fov_y": "--fov", "image size": "--size"},
+    **{"error": "--error", "angle": "--angle", "num_neighbors": "--num-neighbors"},
 }
 """Parameters of the library and the options that set them."""
 
@@ -42,13 +51,18 @@ app = App(
     version=_version,
     help_format="plaintext",
     suppress_keyboard_interrupt=False,
-    # No --no-... flags; a tuple takes all the values that follow; lights are texts here (--light).
-    default_parameter=Parameter(negative=(), consume_multiple=True, parse=re.compile("^(?!lights)")),
+    # No --no-... flags; a tuple takes all the values that follow; lights are texts here (--light); a user's shader is a
+    # text there and a file here.
+    default_parameter=Parameter(negative=(), consume_multiple=True, parse=re.compile("^(?!lights|user_shader)")),
 )
 COMMANDS = {
     "render": "Render a scan to an OpenEXR file, a PNG, or both.",
+    "shade": "Light a rendered OpenEXR file anew, without its splats.",
     "probe": "Explain one pixel: every splat that touches it, and what became of it.",
+    "features": "Make splats of a mesh that end at its sharp edges.",
     "info": "Say what a scan holds and what of it would be left out.",
+    "decimate": "Cover a scan with fewer, larger splats within an error bound.",
+    "fields": "Estimate how normals turn over each splat, for --method botsch04.",
     "bench": "Measure how fast splats are rendered, and what bounds it.",
     "doctor": "Test a device's arithmetic and its golden images.",
     "devices": "List the OpenCL devices and mark the one that is used.",

@@ -11,6 +11,7 @@ import numpy as np
 from cyclopts import Parameter
 
 from splatcl.cli.light import with_lights
+from splatcl.cli.user_shader import with_user_shader
 from splatcl.cli.view import View, read_scan
 from splatcl.errors import CheckError, SettingsError
 from splatcl.progress import stage
@@ -33,6 +34,7 @@ def render(
     exposure: float = 0.0,
     view: Annotated[View | None, Parameter(name="*", group="Camera")] = None,
     settings: Annotated[RenderSettings | None, Parameter(name="*", group="Settings")] = None,
+    user_shader: Annotated[Path | None, Parameter(parse=True, group="Settings")] = None,
     light: Annotated[list[str] | None, Parameter(consume_multiple=False, group="Settings")] = None,
     on_invalid: OnInvalid = "error",
     device: str | None = None,
@@ -54,6 +56,8 @@ def render(
         .png file to write.
     exposure : float
         Stops, for the PNG.
+    user_shader : path
+        File of OpenCL C with a function float4 shade(const Surface s, const Scene scene); sets --shader user.
     light : str
         A light, such as kind=spot,vector=0:2:1,direction=0:-1:0,color=1:1:1,shadow=pcf (docs/lights.md), in place of
         the headlight; give the option again for each further light.
@@ -77,7 +81,10 @@ def render(
     outputs = check_outputs(output, png, exposure)
     if (margin or envelope) and all(path.suffix.lower() != ".exr" for path in outputs):
         raise SettingsError("--margin and --envelope are for .exr: give -o FILE.exr")
-    view, settings = view or View(), with_lights(settings or RenderSettings(), light)
+    settings = with_lights(with_user_shader(settings or RenderSettings(), user_shader), light)
+    view = view or View()
+    if settings.supersampling > 1 and (check or margin or envelope):
+        raise SettingsError("--check, --margin and --envelope are of single samples: leave out --supersampling")
     camera = view.file_camera()
     renderer = splatcl.Renderer(device=device, tile_size=tile_size, allow_inexact=allow_inexact)
 

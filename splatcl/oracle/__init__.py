@@ -33,6 +33,7 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect, _out_of_range
+from splatcl.oracle.ellipses import _Ellipses, _ellipses, _footprint, _within
 from splatcl.oracle.light_view import shadow_maps
 from splatcl.oracle.lightmap import gathered
 from splatcl.oracle.project import ProjectedSplats, _disc_bounds, _prefilter_point, bin, project
@@ -57,8 +58,9 @@ from splatcl.oracle.rays import (
     _rays,
     _s_center,
 )
-from splatcl.oracle.shade import _phong, _to_light, shade
+from splatcl.oracle.shade import _phong, _to_light, color, shade
 from splatcl.oracle.shadow import Lookup, ShadowMap, lookup
+from splatcl.oracle.supersampling import averaged, enlarged
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
@@ -78,12 +80,15 @@ __all__ = [
     "ProjectedSplats",
     "ShadowMap",
     "_Discs",
+    "_Ellipses",
     "_Hits",
     "_chunks",
     "_cosine",
     "_depth_margin",
     "_disc_bounds",
     "_discs",
+    "_ellipses",
+    "_footprint",
     "_image",
     "_intersect",
     "_normalize",
@@ -98,9 +103,13 @@ __all__ = [
     "_s_center",
     "_to_light",
     "_weight",
+    "_within",
     "attributes",
     "auto_epsilon",
+    "averaged",
     "bin",
+    "color",
+    "enlarged",
     "gathered",
     "lookup",
     "passes",
@@ -135,7 +144,7 @@ def passes(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
     pixel_gloss = _gloss(named, settings, gbuffer.weight_sum.shape)
     shadows = shadow_maps(splats, settings, epsilon)
     return {
-        **shade(gbuffer, depth, camera, settings, pixel_gloss, shadows),
+        **shade(gbuffer, depth, camera, settings, pixel_gloss, epsilon, shadows),
         "Z": depth.depth,
         "weight": gbuffer.weight_sum,
         "count": gbuffer.count,
@@ -157,6 +166,7 @@ def _gloss(named: Mapping[str, Array], settings: RenderSettings, shape: int | tu
 
 def render(splats: Splats, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
     """Run all passes; return the image and its AOVs, each (H, W) or (H, W, channels)."""
-    aovs = passes(splats, camera, settings, auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon)
+    n, epsilon = settings.supersampling, auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon
+    aovs = passes(splats, camera if n == 1 else enlarged(camera, n), settings, epsilon)
     aovs["margin"] = np.minimum(aovs["margin"], aovs.pop("id_margin"))
-    return aovs
+    return aovs if n == 1 else averaged(aovs, n)

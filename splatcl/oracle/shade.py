@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatcl.camera import Camera
+from splatcl.errors import SettingsError
 from splatcl.lights import Light
 from splatcl.oracle.lightmap import lightmap
 from splatcl.oracle.rays import Array, _image, _normalize, _ray_length, _rays
@@ -23,11 +24,13 @@ def shade(
     camera: Camera,
     settings: RenderSettings,
     gloss: Array | None = None,
+    epsilon: float = 0.0,
     shadows: Shadows = (),
 ) -> dict[str, Array]:
-    """Resolve the G-buffer and light each pixel once; `gloss` (H, W, 2) is specular and shininess of each pixel.
+    """Resolve the G-buffer and light each pixel once.
 
-    `shadows` are the lights' maps (`shadow_maps`); none where omitted.
+    `gloss` (H, W, 2) is specular and shininess of each pixel; `epsilon`, scene units, is for contours alone;
+    `shadows` are the lights' maps (`shadow_maps`), none where omitted.
 
     Returns
     -------
@@ -47,17 +50,83 @@ def shade(
         position = z_covered * s
     else:
         position = np.where(covered[..., None], np.concatenate([s[..., :2], z_covered], axis=-1), 0.0)
-    was_lit = settings.shading != "deferred"  # before it was blended
-    rgb = albedo if was_lit else shade_points(position, normal, albedo, camera, settings, gloss, shadows)
-    rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
     return {
-        "color": np.where(covered[..., None], rgba, 0.0),
+        "color": color(position, normal, albedo, covered, camera, settings, gloss, epsilon, shadows),
         "P": position,
         "N": normal,
         "albedo": albedo,
         "depth.mean": mean,
         "depth.distance": z * _ray_length(camera, s),
     }
+
+
+def color(
+    position: Array,
+    normal: Array,
+    albedo: Array,
+    covered: Array,
+    camera: Camera,
+    settings: RenderSettings,
+    gloss: Array | None = None,
+    epsilon: float = 0.0,
+    shadows: Shadows = (),
+) -> Array:
+    """(H, W, 4) linear RGBA of the AOVs P, N and albedo (H, W, 3) where `covered` (H, W); the rest as for `shade`."""
+    if settings.shader == "user":
+        raise SettingsError("the oracle cannot run a user's shader, which is OpenCL C")
+    if settings.shading != "deferred":  # it was lit before it was blended
+        rgb = albedo
+    elif settings.shader == "depth":
+        rgb = np.repeat(_nearness(position[..., 2], covered, camera)[..., None], 3, axis=-1)
+    elif settings.shader == "npr":
+        rgb = _npr(position, normal, albedo, covered, camera, settings, epsilon, shadows)
+    else:
+        rgb = shade_points(position, normal, albedo, camera, settings, gloss, shadows)
+    rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
+    return np.where(covered[..., None], rgba, 0.0)
+
+
+def _nearness(z: Array, covered: Array, camera: Camera) -> Array:
+    """(H, W) near / z; orthographic (far - z) / (far - near), or 1 / (1 + z - near) where far is infinite."""
+    if camera.projection == "perspective":
+        return camera.near / np.where(covered, z, 1.0)
+    if np.isfinite(camera.far):
+        return (camera.far - z) / (camera.far - camera.near)
+    return 1 / np.where(covered, 1 + z - camera.near, 1.0)
+
+
+def _npr(
+    position: Array,
+    normal: Array,
+    albedo: Array,
+    covered: Array,
+    camera: Camera,
+    settings: RenderSettings,
+    epsilon: float,
+    shadows: Shadows,
+) -> Array:
+    """(H, W, 3) albedo times the tone that the diffuse light chooses, or the line's colour."""
+    npr, light, to_eye = settings.npr, np.zeros(normal.shape), _to_eye(position, camera)
+    for i in range(len(settings.lights)):
+        toward, tint = _arriving(i, position, to_eye, camera, settings, shadows)
+        light += np.maximum((normal * toward).sum(axis=-1, keepdims=True), 0.0) * tint
+    place = np.floor(np.clip(light, 0.0, 1.0) * len(npr.tones)).astype(int)
+    tone = np.array(npr.tones)[np.minimum(place, len(npr.tones) - 1)]
+    jump = _jumps(np.where(covered, position[..., 2], np.inf))
+    contour = 4 * epsilon if npr.contour == "auto" else npr.contour
+    line = (jump > contour) | ((normal * to_eye).sum(axis=-1) < npr.silhouette)
+    return np.where(line[..., None], npr.line, albedo * tone)
+
+
+def _jumps(z: Array) -> Array:
+    """(H, W) the greatest difference between a pixel's z and one of its 3x3 neighbourhood's; inf beside nothing."""
+    height, width = z.shape
+    jump = np.zeros(z.shape)
+    for y in range(height):
+        for x in range(width):
+            around = z[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
+            jump[y, x] = np.abs(around - z[y, x]).max() if np.isfinite(z[y, x]) else np.inf
+    return jump
 
 
 def shade_points(
@@ -74,12 +143,17 @@ def shade_points(
         return albedo
     if settings.shader == "normal":
         return 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
-    to_eye = _normalize(-position)
-    if camera.projection == "orthographic":
-        to_eye = np.broadcast_to([0.0, 0.0, -1.0], position.shape)
+    to_eye = _to_eye(position, camera)
     if settings.shader == "lightmap":
         return _from_lightmap(normal, albedo, to_eye, camera, settings, gloss)
     return _phong(position, normal, albedo, to_eye, camera, settings, gloss, shadows)
+
+
+def _to_eye(position: Array, camera: Camera) -> Array:
+    """(..., 3) unit."""
+    if camera.projection == "orthographic":
+        return np.broadcast_to([0.0, 0.0, -1.0], position.shape)
+    return _normalize(-position)
 
 
 def _from_lightmap(
@@ -108,17 +182,26 @@ def _phong(
     strength: Array | float = material.specular if gloss is None else gloss[..., :1]
     shininess: Array | float = material.shininess if gloss is None else gloss[..., 1:]
     diffuse, specular = np.zeros(normal.shape), np.zeros(normal.shape)
-    for i, light in enumerate(settings.lights):
-        to_light = _to_light(light, position, to_eye, camera)
-        tint = _cone(light, to_light, camera) * light.color
-        if shadows and (shadow_map := shadows[i]):
-            tint = tint * lookup(shadow_map, position, camera).share[..., None]
+    for i in range(len(settings.lights)):
+        to_light, tint = _arriving(i, position, to_eye, camera, settings, shadows)
         n_l = (normal * to_light).sum(axis=-1, keepdims=True)
         mirrored = 2 * n_l * normal - to_light
         r_v = np.maximum((mirrored * to_eye).sum(axis=-1, keepdims=True), 0.0)
         diffuse += np.maximum(n_l, 0.0) * tint
         specular += np.where(n_l > 0, r_v**shininess, 0.0) * tint
     return albedo * (material.ambient + material.diffuse * diffuse) + strength * specular
+
+
+def _arriving(
+    i: int, position: Array, to_eye: Array, camera: Camera, settings: RenderSettings, shadows: Shadows
+) -> tuple[Array, Array]:
+    """(..., 3) unit vectors toward light i; (..., 3) its colour times its cone and its shadow."""
+    light = settings.lights[i]
+    to_light = _to_light(light, position, to_eye, camera)
+    tint = _cone(light, to_light, camera) * light.color
+    if shadows and (shadow_map := shadows[i]):
+        tint = tint * lookup(shadow_map, position, camera).share[..., None]
+    return to_light, tint
 
 
 def _to_light(light: Light, position: Array, to_eye: Array, camera: Camera) -> Array:
