@@ -36,9 +36,9 @@ def scene() -> tuple[Splats, Camera]:
 def sky() -> np.ndarray:
     """Return (64, 128, 3) radiance: a blue sky, brown ground and a low sun at the right."""
     height = np.linspace(1, -1, 64)[:, None, None]
-    image = np.where(height > 0, np.array([0.25, 0.45, 0.9]) * (1 - 0.6 * height), (0.12, 0.1, 0.08))
+    image = np.where(height > 0, np.array([0.12, 0.22, 0.45]) * (1 - 0.6 * height), (0.06, 0.05, 0.04))
     image = np.tile(image, (1, 128, 1))
-    image[12:20, 24:32] = (60.0, 50.0, 36.0)
+    image[12:20, 24:32] = (26.0, 21.0, 15.0)
     return image
 
 

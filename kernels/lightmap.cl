@@ -21,7 +21,7 @@ kernel void lightmap(constant Shading *shading, constant PhongLight *lights, glo
   reals columns;
   for (int lane = 0; lane < LANES; ++lane) ((real *)&columns)[lane] = (real)(x + least(lane, num - 1));
   const reals3 d = direction_of(columns, (reals)(real)y);
-  reals3 diffuse = scale3(d, R(0.0)), specular = diffuse;
+  reals3 diffuse = scale3(d, R(0.0)), specular = diffuse;  // no constants: rusticl copies such a one wrongly
   for (int i = 0; i < shading->num_lights; ++i) {
     const reals3 tint = {lights[i].red, lights[i].green, lights[i].blue};
     const reals cosine = dot3(d, direction_to(lights + i));

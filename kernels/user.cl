@@ -69,7 +69,7 @@ static inline Light light_at(const Surface s, const Scene scene, int i)
 #include USER_SHADER
 
 kernel void user(constant View *view, constant Shading *shading, constant PhongLight *lights, real time, GBUFFER,
-                 global real *color LIGHT_ARGUMENTS ATTRIBUTE_ARGUMENTS)
+                 global real *color ATTRIBUTE_ARGUMENTS LIGHT_ARGUMENTS)
 {
   const Pixels at = {AS_GBUFFER, view, get_global_id(0), get_global_id(1)};
   const long p = (long)at.y * view->width + at.x;

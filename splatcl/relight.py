@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from splatcl.camera import Camera
 from splatcl.errors import SettingsError, SplatclError
+from splatcl.lighting import light_options
 from splatcl.passes import Passes
-from splatcl.render import Renderer, default_renderer
+from splatcl.render import Renderer, Resident, default_renderer
 from splatcl.resident import GLOSS
 from splatcl.settings import RenderSettings
 from splatcl.shading import Channels, Surface, shade_surface
+from splatcl.shadows import cast
 from splatcl.splats import PREFIX
 
 if TYPE_CHECKING:
@@ -42,8 +44,9 @@ def relight(
     if renderer is None:
         renderer = frame.rendered_from[0] if frame.rendered_from else default_renderer()
     arguments = surface, attributes, frame.camera, wanted, float(epsilon or 0.0)
-    color, inexact = renderer.call(_shade, *arguments)
-    return frame.with_color(color, wanted, {"inexact": inexact} if inexact else {})
+    casters = renderer.resident(frame.rendered_from[1]) if frame.rendered_from and light_options(wanted) else None
+    color, metadata = renderer.call(_shade, *arguments, casters)
+    return frame.with_color(color, wanted, metadata)
 
 
 def _settings(frame: Frame, settings: RenderSettings | None, changes: Mapping[str, Any]) -> RenderSettings:
@@ -111,14 +114,22 @@ def _shade(
     camera: Camera,
     settings: RenderSettings,
     epsilon: float,
-) -> tuple[NDArray[Any], str]:
-    """Return the (H, W, 4) colors, and why they may be inexact. For `Renderer.call`."""
-    passes = renderer.passes(camera, settings)
+    casters: Resident | None,
+) -> tuple[NDArray[Any], dict[str, Any]]:
+    """Return the (H, W, 4) colors, and what the frame shall record of them. For `Renderer.call`.
+
+    `casters` are the splats that cast shadows, for lights that have any.
+    """
+    passes, shadows = renderer.passes(camera, settings), None
+    metadata: dict[str, Any] = {}
+    if casters and (shadows := cast(*renderer.prepare(casters, camera, settings), casters, epsilon)):
+        metadata["shadow_bias"] = shadows.bias
     images = {name: passes.constant(np.asarray(values, passes.real)) for name, values in surface.items()}
     lit = Surface(images["P"], images["N"], images["albedo"], images["weight"])
-    color = shade_surface(passes, passes.view(np.zeros(3)), lit, epsilon, _channels(passes, attributes))
-    pixels = passes.device.read(color, (camera.height, camera.width, 4), passes.real)
-    return pixels, passes.device.strictness.reason(settings.precision)
+    color = shade_surface(passes, passes.view(np.zeros(3)), lit, epsilon, _channels(passes, attributes), shadows)
+    if inexact := passes.device.strictness.reason(settings.precision):
+        metadata["inexact"] = inexact
+    return passes.device.read(color, (camera.height, camera.width, 4), passes.real), metadata
 
 
 def _channels(passes: Passes, attributes: Mapping[str, NDArray[Any]]) -> Channels:

@@ -152,7 +152,10 @@ class Renderer:
     def prepare(
         self, resident: Resident, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)
     ) -> tuple[Passes, ResidentSplats]:
-        """Return `passes` and the splats on the device. For functions given to `call`."""
+        """Return what every pass of one frame needs, and the splats on the device. For functions given to `call`.
+
+        `first` is the column and row of a window's first pixel (`Passes`).
+        """
         passes, device = self.passes(camera, settings, first), self.device
         key = (device, settings.precision)
         if key not in resident._on_device:
@@ -160,15 +163,14 @@ class Renderer:
         return passes, resident._on_device[key]
 
     def passes(self, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)) -> Passes:
-        """Return what every pass of one frame needs. For functions given to `call`; `first` as for `Passes`."""
+        """Return what every pass of one frame needs. For functions given to `call`; `first` as for `prepare`."""
         if settings.precision == "double" and not self.supports_double:
             raise DeviceError(f"{self.device.info.name} has no double precision; choose another device")
         return Passes(self.device, camera, settings, self._arguments[1], settings.precision, first)
 
 
 def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> Frame:
-    epsilon = resident.epsilon(settings)
-    shadows = cast(*renderer.prepare(resident, camera, settings), resident, epsilon)
+    shadows = cast(*renderer.prepare(resident, camera, settings), resident, resident.epsilon(settings))
 
     def window(camera: Camera, first: tuple[int, int] = (0, 0)) -> DeviceAovs:
         return _draw(renderer, resident, camera, settings, first, shadows)
@@ -176,7 +178,7 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
     n = settings.supersampling
     aovs = window(camera) if n == 1 else supersampled(camera, n, window, NEIGHBOURS.get(settings.shader, 0))
     metadata = {
-        "epsilon": epsilon,
+        "epsilon": resident.epsilon(settings),
         "num_splats": len(resident.splats),
         "num_dropped": resident.splats.num_dropped,
         "notes": list(resident.splats.notes),
@@ -218,8 +220,6 @@ def _draw(
         for k, name in enumerate(g.names)
         if name
     }
-    if settings.shader == "lightmap" and "shininess" in names:
-        raise SettingsError("shader='lightmap' is made for one shininess: leave the splats' attribute shininess out")
     color = pipeline.shade(passes, view, depth, gbuffer, epsilon, names, shadows)
     return DeviceAovs(passes, view, depth, gbuffer, color, names)
 
@@ -267,8 +267,9 @@ class DeviceAovs(Mapping[str, NDArray[Any]]):
     def _read(self, name: str) -> NDArray[Any]:
         if self._buffers[name][0] is None:
             for resolved, buffer in self._resolve().items():
-                if resolved in self._buffers:
-                    self._buffers[resolved] = (buffer, *self._buffers[resolved][1:])
+                if resolved not in self._buffers:
+                    continue
+                self._buffers[resolved] = (buffer, *self._buffers[resolved][1:])
         buffer, channels, dtype = self._buffers[name]
         camera = self._passes.camera
         shape: tuple[int, ...] = (camera.height, camera.width) + ((channels,) if channels > 1 else ())

@@ -215,19 +215,6 @@ def _check_choices(settings: Any) -> None:
             raise SettingsError(f"{name} {getattr(settings, name)!r} is not one of {choices}")
 
 
-def _checked_npr(npr: Any) -> Npr:
-    if not isinstance(npr, Npr):
-        raise SettingsError(f"npr {npr!r} is not an Npr")
-    tones = tuple(_number("npr.tones", tone, 0.0, 1e4) for tone in _tuple_of("npr.tones", npr.tones, object))
-    if not 1 <= len(tones) <= MAX_TABLE:
-        raise SettingsError(f"npr.tones has {len(tones)} tones; it takes 1 to {MAX_TABLE}")
-    line = tuple(_number("npr.line", value, 0.0, 1e4) for value in _tuple_of("npr.line", npr.line, object))
-    if len(line) != 3:
-        raise SettingsError(f"npr.line {line!r} is not three numbers")
-    contour = npr.contour if npr.contour == "auto" else _number("npr.contour", npr.contour, 0.0, 1e15)
-    return Npr(tones, contour, _number("npr.silhouette", npr.silhouette, -1.0, 1.0), (line[0], line[1], line[2]))
-
-
 def _check_light(light: Light) -> None:
     _check_choices(light)
     for name in ("vector", "color", "direction"):
@@ -250,6 +237,19 @@ def _check_light(light: Light) -> None:
         raise SettingsError(
             "a headlight shines from the eye, which sees none of its shadows: choose shadow='none' or another kind"
         )
+
+
+def _checked_npr(npr: Any) -> Npr:
+    if not isinstance(npr, Npr):
+        raise SettingsError(f"npr {npr!r} is not an Npr")
+    tones = tuple(_number("npr.tones", tone, 0.0, 1e4) for tone in _tuple_of("npr.tones", npr.tones, object))
+    if not 1 <= len(tones) <= MAX_TABLE:
+        raise SettingsError(f"npr.tones has {len(tones)} tones; it takes 1 to {MAX_TABLE}")
+    line = tuple(_number("npr.line", value, 0.0, 1e4) for value in _tuple_of("npr.line", npr.line, object))
+    if len(line) != 3:
+        raise SettingsError(f"npr.line {line!r} is not three numbers")
+    contour = npr.contour if npr.contour == "auto" else _number("npr.contour", npr.contour, 0.0, 1e15)
+    return Npr(tones, contour, _number("npr.silhouette", npr.silhouette, -1.0, 1.0), (line[0], line[1], line[2]))
 
 
 def _tuple_of(name: str, values: Any, kind: type) -> tuple[Any, ...]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatcl import user_shader
+from splatcl.errors import SettingsError
 from splatcl.lighting import Shadows, light_arguments, light_options, shading_structs
 from splatcl.passes import Passes
 from splatcl.resident import GLOSS
@@ -65,9 +66,10 @@ def shade_surface(
     images = surface.position, surface.normal, surface.albedo, surface.weight
     if passes.settings.shader != "user":
         return _shade(passes, view, images, epsilon, channels, shadows, RESOLVED=1)
-    color, structs = passes.image(4), shading_structs(passes)
-    arguments = view, *structs, passes.settings.time, *images, color, *light_arguments(passes, structs, shadows)
-    user_shader.run(passes, channels, *arguments)
+    color = passes.image(4)
+    structs = shading_structs(passes)
+    arguments = view, *structs, passes.settings.time, *images
+    user_shader.run(passes, channels, light_arguments(passes, structs, shadows), *arguments, color=color)
     return color
 
 
@@ -81,11 +83,13 @@ def _shade(
     **options: int,
 ) -> Any:
     """Run the kernel; specular and shininess of the splats' own stand for the material's."""
-    color, structs = passes.image(4), shading_structs(passes)
+    if passes.settings.shader == "lightmap" and "shininess" in channels:
+        raise SettingsError("shader='lightmap' is made for one shininess: leave the splats' attribute shininess out")
+    color = passes.image(4)
     has = sum(1 << k for k, name in enumerate(GLOSS) if name in channels)
     gloss = next((channels[name][0] for name in GLOSS if name in channels), images[0])  # not read where there is none
-    lights = light_arguments(passes, structs, shadows)
-    arguments = (*structs, *_npr(passes, epsilon), *images, gloss, color, *lights)
+    structs = shading_structs(passes)
+    arguments = (*structs, *_npr(passes, epsilon), *images, gloss, color, *light_arguments(passes, structs, shadows))
     _run_shade(passes, "shade", view, *arguments, GLOSS=has, **options)
     return color
 

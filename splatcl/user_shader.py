@@ -24,7 +24,7 @@ ERROR = re.compile(
 """An error of a build log: PoCL puts the word before the place, others after it."""
 
 
-def run(passes: Passes, channels: Channels, *args: Any) -> None:
+def run(passes: Passes, channels: Channels, light: tuple[Any, ...], *args: Any, color: Any) -> None:
     """Run the settings' shader over the image.
 
     Parameters
@@ -32,7 +32,9 @@ def run(passes: Passes, channels: Channels, *args: Any) -> None:
     passes : Passes
     channels : mapping
         What the frame has besides, which becomes the fields of ``s.attribute``.
-    *args
+    light : tuple
+        What comes with the lights (`lighting.light_arguments`).
+    *args, color
         Of the kernel.
 
     Raises
@@ -45,7 +47,7 @@ def run(passes: Passes, channels: Channels, *args: Any) -> None:
     places = {name: (images.index(image), k) for name, (image, k) in channels.items()}
     try:
         passes.run(
-            "user", size, *args, *images, LANES=1, RESOLVED=1, **light_options(settings),
+            "user", size, *args, color, *images, *light, LANES=1, RESOLVED=1, **light_options(settings),
             ATTRIBUTES=Text(_declarations(places, len(images))), USER_SHADER=Text(_code(settings)),
         )  # fmt: skip
     except BuildError as error:

@@ -153,6 +153,7 @@ def test_no_splats_give_an_empty_image(backend):
         {"prefilter_center": "bounds"},
         {"kernel": "table", "kernel_table": (1.0, 0.0)},
         {"precision": "double"},
+        {"lights": (Light("spot", direction=(0, 0, -1)),)},
     ],
     ids=str,
 )

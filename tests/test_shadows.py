@@ -21,6 +21,7 @@ from tolerances import (
 
 from splatcl import Camera, Light, Material, RenderSettings, Splats, oracle
 from splatcl.errors import SettingsError, SplatclError
+from splatcl.io.exr import read_exr
 
 CASTING = (
     Light("directional", (0.3, 2.0, 1.5), (1.0, 0.0, 0.0), shadow="nearest", map_size=64),
@@ -75,6 +76,15 @@ def test_a_light_whose_bias_is_large_shines_through_everything(renderer):
     assert (frames[0].color != frames[2].color).any()
     unlit = renderer.render(splats, camera, replace(SETTINGS, shader="albedo"))
     assert "shadow_bias" not in unlit.metadata and "shadow_bias" not in frames[2].metadata
+
+
+def test_a_saved_frame_tells_its_lights_and_biases(renderer, tmp_path):
+    frame = renderer.render(random_ellipses(num=60), CAMERAS["off_center"], SETTINGS)
+    frame.save(tmp_path / "frame.exr")
+    metadata = read_exr(tmp_path / "frame.exr")[2]
+    for light, saved in zip(CASTING, metadata["settings"]["lights"], strict=True):
+        assert replace(light, **{k: tuple(v) if isinstance(v, list) else v for k, v in saved.items()}) == light
+    assert metadata["shadow_bias"] == list(frame.metadata["shadow_bias"]) and metadata["shadow_bias"][1] == 0.05
 
 
 def disc_over_ground(up):

@@ -311,6 +311,8 @@ def refuse_unsupported(camera: splatcl.Camera, settings: splatcl.RenderSettings)
         if getattr(settings, name) not in supported:
             choices = " and ".join(supported)
             raise SettingsError(f"the OpenGL backend has no {name} {getattr(settings, name)!r}, only {choices}")
+    if any(light.kind == "spot" or light.shadow != "none" for light in settings.lights):
+        raise SettingsError("the OpenGL backend has no lights with a cone or with shadows")
 
 
 def _place(light: splatcl.Light, camera: splatcl.Camera) -> tuple[float, ...]:

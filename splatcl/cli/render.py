@@ -81,8 +81,8 @@ def render(
     outputs = check_outputs(output, png, exposure)
     if (margin or envelope) and all(path.suffix.lower() != ".exr" for path in outputs):
         raise SettingsError("--margin and --envelope are for .exr: give -o FILE.exr")
-    view = view or View()
     settings = with_lights(with_user_shader(settings or RenderSettings(), user_shader), light)
+    view = view or View()
     if settings.supersampling > 1 and (check or margin or envelope):
         raise SettingsError("--check, --margin and --envelope are of single samples: leave out --supersampling")
     camera = view.file_camera()

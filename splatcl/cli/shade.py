@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
+from splatcl.cli.light import parse_light
 from splatcl.cli.render import check_outputs, save
 from splatcl.cli.user_shader import user_changes
 from splatcl.lights import Vector
@@ -51,6 +52,7 @@ def shade(
     material: MaterialChanges | None = None,
     npr: NprChanges | None = None,
     time: float | None = None,
+    light: Annotated[list[str] | None, Parameter(consume_multiple=False)] = None,
     device: str | None = None,
     allow_inexact: bool = False,
 ) -> None:
@@ -72,6 +74,9 @@ def shade(
         File of OpenCL C with a function float4 shade(const Surface s, const Scene scene).
     time : float
         Seconds, for a user's shader.
+    light : str
+        A light, such as kind=point,vector=0:2:1,color=1:1:1 (docs/lights.md), in place of those of the frame; give
+        the option again for each further light. Shadows need a new render.
     device : str
         OpenCL device: an index of `splatcl devices`, or words of its name and version.
     allow_inexact : bool
@@ -83,6 +88,8 @@ def shade(
     outputs = check_outputs(output, png, exposure)
     before = splatcl.read_frame(frame)
     changes = _changes(before, material=material, npr=npr, shader=shader, time=time)
+    if light:
+        changes["lights"] = tuple(map(parse_light, light))
     if user_shader is not None:
         changes |= user_changes(user_shader, shader)
     renderer = splatcl.Renderer(device=device, allow_inexact=allow_inexact)

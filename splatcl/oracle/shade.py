@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,8 +29,8 @@ def shade(
 ) -> dict[str, Array]:
     """Resolve the G-buffer and light each pixel once.
 
-    `gloss` (H, W, 2) is specular and shininess of each pixel; `epsilon`, scene units, is for contours alone; `shadows`
-    are the lights' maps (`shadow_maps`), none where omitted.
+    `gloss` (H, W, 2) is specular and shininess of each pixel; `epsilon`, scene units, is for contours alone;
+    `shadows` are the lights' maps (`shadow_maps`), none where omitted.
 
     Returns
     -------
@@ -108,8 +107,9 @@ def _npr(
 ) -> Array:
     """(H, W, 3) albedo times the tone that the diffuse light chooses, or the line's colour."""
     npr, light, to_eye = settings.npr, np.zeros(normal.shape), _to_eye(position, camera)
-    for to_light, tint in _arriving(position, to_eye, camera, settings, shadows):
-        light += np.maximum((normal * to_light).sum(axis=-1, keepdims=True), 0.0) * tint
+    for i in range(len(settings.lights)):
+        toward, tint = _arriving(i, position, to_eye, camera, settings, shadows)
+        light += np.maximum((normal * toward).sum(axis=-1, keepdims=True), 0.0) * tint
     place = np.floor(np.clip(light, 0.0, 1.0) * len(npr.tones)).astype(int)
     tone = np.array(npr.tones)[np.minimum(place, len(npr.tones) - 1)]
     jump = _jumps(np.where(covered, position[..., 2], np.inf))
@@ -167,18 +167,6 @@ def _from_lightmap(
     return albedo * material.ambient + np.where(normal.any(axis=-1, keepdims=True), lit, 0.0)
 
 
-def _arriving(
-    position: Array, to_eye: Array, camera: Camera, settings: RenderSettings, shadows: Shadows
-) -> Iterator[tuple[Array, Array]]:
-    """Yield for each light (..., 3) unit vectors toward it, and (..., 3) the light that arrives."""
-    for i, light in enumerate(settings.lights):
-        to_light = _to_light(light, position, to_eye, camera)
-        tint = _cone(light, to_light, camera) * light.color
-        if shadows and (shadow_map := shadows[i]):
-            tint = tint * lookup(shadow_map, position, camera).share[..., None]
-        yield to_light, tint
-
-
 def _phong(
     position: Array,
     normal: Array,
@@ -194,13 +182,26 @@ def _phong(
     strength: Array | float = material.specular if gloss is None else gloss[..., :1]
     shininess: Array | float = material.shininess if gloss is None else gloss[..., 1:]
     diffuse, specular = np.zeros(normal.shape), np.zeros(normal.shape)
-    for to_light, tint in _arriving(position, to_eye, camera, settings, shadows):
+    for i in range(len(settings.lights)):
+        to_light, tint = _arriving(i, position, to_eye, camera, settings, shadows)
         n_l = (normal * to_light).sum(axis=-1, keepdims=True)
         mirrored = 2 * n_l * normal - to_light
         r_v = np.maximum((mirrored * to_eye).sum(axis=-1, keepdims=True), 0.0)
         diffuse += np.maximum(n_l, 0.0) * tint
         specular += np.where(n_l > 0, r_v**shininess, 0.0) * tint
     return albedo * (material.ambient + material.diffuse * diffuse) + strength * specular
+
+
+def _arriving(
+    i: int, position: Array, to_eye: Array, camera: Camera, settings: RenderSettings, shadows: Shadows
+) -> tuple[Array, Array]:
+    """(..., 3) unit vectors toward light i; (..., 3) its colour times its cone and its shadow."""
+    light = settings.lights[i]
+    to_light = _to_light(light, position, to_eye, camera)
+    tint = _cone(light, to_light, camera) * light.color
+    if shadows and (shadow_map := shadows[i]):
+        tint = tint * lookup(shadow_map, position, camera).share[..., None]
+    return to_light, tint
 
 
 def _to_light(light: Light, position: Array, to_eye: Array, camera: Camera) -> Array:
