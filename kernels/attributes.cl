@@ -10,12 +10,8 @@
 #include "extra.h"
 #include "fragment.h"
 #include "weight.h"
-#include "lanes.h"
+#include "weighted.h"
 #include "tile.h"
-#if SHADING == PER_FRAGMENT
-#include "surface.h"
-#include SHADER
-#endif
 
 // The sums of a region, and what is accepted there.
 typedef struct {
@@ -24,103 +20,13 @@ typedef struct {
   real farthest[REACHED_PIXELS];
 } target;
 
-// What is the same for every fragment.
-typedef struct {
-  real near, far, falloff, inverse_radius2;
-  constant real *table;
-  int table_size, left, top;
-#if SHADING == PER_FRAGMENT
-  constant View *view;
-  constant Shading *shading;
-  constant PhongLight *lights;
-#endif
-} rules;
-
-// What LANES pixels or splats add: all zero where a fragment does not exist or is not accepted.
-typedef struct {
-  reals weight, z;
-  masks accepted;
-#if VARYING
-  reals3 color, normal;
-#endif
-} weighted;
-
-#if VARYING
-static inline reals3 unit3(reals3 v)
-{
-  const reals length2 = dot3(v, v);
-  return scale3(v, SELECT(R(0.0), divide(R(1.0), square_root(length2)), MASK(length2 > R(0.0))));
-}
-
-// What the fragments themselves add: their own normals, and colours that are lit already ([BSK04]).
-static inline void vary(weighted *t, const extras *e, const hit *h, const fragment *f, reals x, reals y, const rules *r)
-{
-  t->color = e->color;
-  t->normal = e->normal;
-#if FIELD
-  const reals u = SELECT(R(0.0), h->u * f->inverse_den, f->disc), v = SELECT(R(0.0), h->v * f->inverse_den, f->disc);
-  t->normal = unit3(add3(e->normal, add3(scale3(e->normal_du, u), scale3(e->normal_dv, v))));
-#endif
-#if SHADING == PER_FRAGMENT
-  Surface s = surface_point(r->view, x, y, t->z, t->normal, t->color, r->shading);
-#if GLOSS
-  s.specular = SELECT(s.specular, e->specular, MASK(e->specular == e->specular));  // else the material's
-  s.shininess = SELECT(s.shininess, e->shininess, MASK(e->shininess == e->shininess));
-#endif
-  t->color = shade_surface(&s, r->shading, r->lights);
-#endif
-}
-#endif
-
-#define FARTHEST(lane, p) farthest[p + offset[lane]]
-
-// x and y count from the region's first pixel, `offset` (of each lane) from `farthest`.
-static inline weighted weigh(const discs *s, const prefilters *p, const extras *e, reals x, reals y, masks in_box,
-                             const real *farthest, const int *offset, const rules *r)
-{
-  const hit h = intersect(s, x + (real)r->left, y + (real)r->top);
-  const fragment f = filter(s, p, e, &h, r->near, r->far, r->inverse_radius2);
-  const masks accepted = f.exists & in_box & MASK(f.z <= (reals)EACH_LANE(FARTHEST, 0));
-  weighted t;
-  t.weight = t.z = (reals)R(0.0);
-  t.accepted = accepted;
-#if VARYING
-  t.color = e->color;
-  t.normal = e->normal;
-#endif
-  if (!ANY(accepted)) return t;
-  reals weight = weight_of(f.r2, r->falloff, r->table, r->table_size);
-#if PREFILTER == EWA
-  weight = weight * e->factor;
-#endif
-  t.weight = SELECT(R(0.0), weight, accepted);
-  t.z = SELECT(R(0.0), f.z, accepted);
-#if VARYING
-  vary(&t, e, &h, &f, x + (real)r->left, y + (real)r->top, r);
-#endif
-  return t;
-}
-
-// Adding zero leaves a sum's bits as they are.
 static inline void put(target *t, int p, const real8 *attributes, const weighted *f, int lane)
 {
-#if VARYING
-  real8 own = *attributes;
-  own.s0 = LANE_OF(f->color.x, lane);
-  own.s1 = LANE_OF(f->color.y, lane);
-  own.s2 = LANE_OF(f->color.z, lane);
-  own.s3 = LANE_OF(f->normal.x, lane);
-  own.s4 = LANE_OF(f->normal.y, lane);
-  own.s5 = LANE_OF(f->normal.z, lane);
-#if TARGET == UNORM8
-  own.s345 = own.s345 * R(0.5) + R(0.5);
-#endif
-  accumulate(&t->sums[p], &own, LANE_OF(f->weight, lane), LANE_OF(f->z, lane));
-#else
-  accumulate(&t->sums[p], attributes, LANE_OF(f->weight, lane), LANE_OF(f->z, lane));
-#endif
+  add_lane(&t->sums[p], attributes, f, lane);
   t->count[p] -= WHOLE_OF(f->accepted, lane);
 }
+
+#define FARTHEST(lane, p) t->farthest[p + offset[lane]]
 
 // What there is of each entry of the tile lists.
 typedef struct {
@@ -154,8 +60,8 @@ static inline void small_boxes(target *t, const entries *in, const int *place, i
   for (int y = 0; y < SMALL && ANY(MASK(c.down > (bits)y)); ++y)
     for (int x = 0; x < SMALL && ANY(MASK(c.across > (bits)x)); ++x)
       found[y * SMALL + x] = weigh(s, p, e, b->x_first + (real)x, b->y_first + (real)y,
-                                   MASK(c.across > (bits)x) & MASK(c.down > (bits)y), t->farthest + y * REGION + x,
-                                   offset, r);
+                                   MASK(c.across > (bits)x) & MASK(c.down > (bits)y),
+                                   (reals)EACH_LANE(FARTHEST, y * REGION + x), r);
   for (int lane = 0; lane < num; ++lane) {
     real8 values;
     load_values(&values, in, place[lane]);
@@ -183,7 +89,7 @@ static inline void large_box(target *t, const entries *in, int entry, int first,
       const int q = first + y * REGION + x;
       const reals dx = (real)x + LANE_X, dy = (real)y + LANE_Y;
       const weighted f = weigh(&s, &p, &e, (real)(first % REGION) + dx, (real)(first / REGION) + dy,
-                               MASK(dx < (real)across) & MASK(dy < (real)down), t->farthest + q, offset, r);
+                               MASK(dx < (real)across) & MASK(dy < (real)down), (reals)EACH_LANE(FARTHEST, q), r);
       if (!ANY(f.accepted)) continue;
       const int columns = least(BLOCK_X, across - x), rows = least(BLOCK_Y, down - y);
       for (int row = 0; row < rows; ++row)
@@ -289,14 +195,6 @@ static inline void write_nothing(const sum_images *to, constant View *view, cons
 #endif
   }
 }
-
-#if SHADING == PER_FRAGMENT
-#define LIGHTS , constant Shading *shading, constant PhongLight *lights
-#define THE_LIGHTS , view, shading, lights
-#else
-#define LIGHTS
-#define THE_LIGHTS
-#endif
 
 kernel void attributes(constant View *view, global const ProjectedSplat *records, global const ProjectedExtra *extra,
                        global const SplatAttributes *splat_attributes, global const uint2 *boxes,

@@ -133,7 +133,7 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   if (!ANY(*alive)) return t;
   const masks in_front = MASK(c.z + error >= near);
   places s = {c, error, c.z - deep, c.z + deep, in_front, view->prefilter_radius};
-  if (!(view->prefilter || ELLIPSE)) s.filtered = 0;
+  if (!(view->prefilter | ELLIPSE)) s.filtered = 0;
   reals wide = square_root(tu.x * tu.x + tv.x * tv.x), high = square_root(tu.y * tu.y + tv.y * tv.y);
 #if !ORTHOGRAPHIC
   // Only a disc that comes nearer to the eye plane than that is cut at near (project.cl, CLEAR).
@@ -153,7 +153,8 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
 #endif
   x = pixels(&s, x, slack, c.x, spread_x, view->fx_hi, view->cx_hi);
   y = pixels(&s, y, slack, c.y, spread_y, view->fy_hi, view->cy_hi);
-  if (view->prefilter_at_bounds || view->low_pass_reach > R(0.0)) {  // its centre may be anywhere in them
+  const int around_bounds = view->prefilter_at_bounds | (view->low_pass_reach > R(0.0));
+  if (around_bounds) {  // its centre may be anywhere in them
     const reals around = (reals)(at_least_of(view->prefilter_radius, view->low_pass_reach) + PIXEL_SLACK);
     x = (range){x.first - around, x.last + around};
     y = (range){y.first - around, y.last + around};

@@ -16,7 +16,7 @@ from splatcl.passes import Passes
 from splatcl.pipeline import DepthBuffer, ProjectedSplats, TileLists
 from splatcl.render import DeviceAovs, Renderer, Resident
 from splatcl.resident import ResidentSplats
-from splatcl.settings import RenderSettings
+from splatcl.settings import RenderSettings, Target
 from splatcl.splats import Splats
 
 Array = NDArray[Any]
@@ -27,6 +27,7 @@ SUSPECTS = 100
 BEYOND_DOUBT = 32.0
 """Margin, in rounding errors, from which a float32 renderer decides as the oracle does (tests/tolerances.py)."""
 SPLATS_AT_ONCE = 1 << 18
+TARGET_TYPES = {"float16": np.float16, "float32": np.float32}
 ONE_LANE: dict[str, Any] = {"LANES": 1, "SHADING": 0, "FIELD": 0, "CHANNELS": 0, "SHADER": '"albedo.h"'}
 """Build options of kernels that take a splat and a pixel at a time, and only ask whether there is a fragment."""
 CHUNK = 4096
@@ -77,6 +78,7 @@ def _account(
     again : dict of str to array
         The AOVs that no colour enters.
     """
+    settings = replace(settings, shading="deferred", shader="albedo")
     white = replace(resident.splats, color=np.tile(CONSTANT_COLOR, (len(resident.splats), 1)))
     passes, on_device = renderer.prepare(renderer.upload(white), camera, settings)
     view, epsilon = passes.view(on_device.origin), resident.epsilon(settings)
@@ -96,7 +98,7 @@ def _account(
     checks = [
         _check_binning(faults, len(copies.tile), num_listed, passes.num_tiles),
         _check_fragments(num_fragments, aovs["count"]),
-        _check_color(aovs["albedo"], aovs["weight"], aovs["count"]),
+        _check_color(aovs["albedo"], aovs["weight"], aovs["count"], settings.target),
     ]
     return kept.ids, checks, {name: aovs[name] for name in ("Z", "particleid", "weight", "count")}
 
@@ -264,24 +266,26 @@ def _check_fragments(num_fragments: int, count: Array) -> Check:
     return Check("fragments", total == num_fragments, detail)
 
 
-def color_bound(count: Array, weight: Array) -> Array:
+def color_bound(count: Array, weight: Array, target: Target = "auto") -> Array:
     """Return by how much a constant colour may come out changed, relative, after sums of `count` terms.
 
     To first order (2 count + 1) u with u = 2^-24 (2^-53): count roundings of products and sums in the numerator, count
     - 1 in the denominator, one of the quotient, one of the colour itself; products below the normal range lose more.
     """
-    limits = np.finfo(weight.dtype)
+    limits = np.finfo(TARGET_TYPES.get(target, weight.dtype))
     unit = float(limits.eps) / 2
     terms = 2 * count.astype(np.float64) + 1
     return terms * unit / (1 - terms * unit) + count * float(limits.tiny) / weight
 
 
-def _check_color(albedo: Array, weight: Array, count: Array) -> Check:
+def _check_color(albedo: Array, weight: Array, count: Array, target: Target) -> Check:
+    if target == "unorm8":
+        return Check("constant colour", True, "not asked for: unorm8 clamps its sums")
     covered = weight > 0
     albedo, weight, count = albedo[covered], weight[covered], count[covered]
     exact = np.count_nonzero(albedo[:, 0] != CONSTANT_COLOR[0])
     error = np.abs(albedo[:, 1:].astype(np.float64) / CONSTANT_COLOR[1:] - 1)
-    outside = np.count_nonzero(error > color_bound(count, weight)[:, None])
+    outside = np.count_nonzero(error > color_bound(count, weight, target)[:, None])
     detail = f"1 comes out as 1 at {len(albedo) - exact} of {len(albedo)} pixels"
     detail += f", {CONSTANT_COLOR[1]} and 1/3 to within {error.max(initial=0.0):.1e}"
     if outside:

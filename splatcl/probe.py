@@ -19,7 +19,7 @@ from splatcl import oracle
 from splatcl.camera import Camera
 from splatcl.errors import SplatclError
 from splatcl.frame import Frame
-from splatcl.probe_pass import ACCEPTED, EDGE_ON, EXISTS, HIT, MISSED, OUT, REACH, UNSEEN, at_pixel
+from splatcl.probe_pass import ACCEPTED, CUT, EDGE_ON, EXISTS, HIT, MISSED, OUT, REACH, UNSEEN, at_pixel
 from splatcl.render import Resident
 from splatcl.settings import RenderSettings
 from splatcl.table import html_table, text_table
@@ -29,6 +29,8 @@ Array = NDArray[Any]
 Triple = tuple[float, float, float]
 BEHIND = "behind depth + epsilon"
 EDGE_ON_SPLAT = "edge-on"
+CLIPPED = "cut off by a clip line"
+FILTER, FOOTPRINT = "pre-filter", "footprint, beside the disc"
 
 
 @dataclass(frozen=True)
@@ -48,18 +50,18 @@ class ProbeRow:
     splat: int
     u: float  # disc coordinates where the ray meets the splat's plane
     v: float
-    r2d: float  # distance from the pre-filter's centre, in its radii; inf where there is none
+    r2d: float  # from the pre-filter's centre, in its radii, or in a footprint's ellipse; inf where there is none
     r3d: float  # sqrt(u^2 + v^2); inf for an edge-on splat
     z: float  # eye z of the fragment, scene units; of the ray's meeting with the plane where there is none
     weight: float  # the fragment's own, accepted or not; 0 where there is none
-    verdict: str  # "disc" or "pre-filter", which accepted it; else why it was not
+    verdict: str  # "disc", "pre-filter" or "footprint ...", which accepted it; else why it was not
     margin: float  # how near a decision about it is to flipping, in its own rounding errors (splatcl/oracle.py)
     sums: Sums
 
     @property
     def accepted(self) -> bool:
         """Whether it is in the sums."""
-        return self.verdict in ("disc", "pre-filter")
+        return self.verdict in ("disc", FILTER, FOOTPRINT)
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Probe:
     epsilon: float  # scene units, along eye z or the ray as the settings say
     weight: float
     count: int
-    albedo: Triple
+    albedo: Triple  # what was blended: lit already where shading is not deferred
     normal: Triple  # unit, eye space
     color: tuple[float, float, float, float]  # linear RGBA
     margin: float  # the least of the rows'
@@ -152,7 +154,9 @@ def probe(frame: Frame, x: int, y: int) -> Probe:
         )
     resident = renderer.resident(splats)
     found = renderer.call(at_pixel, resident, frame.camera, frame.settings, (x, y))
-    rows = sorted([*_seen_rows(found.seen), *_unseen_rows(found.unseen, found.seen)], key=lambda row: row.splat)
+    rows = sorted(
+        [*_seen_rows(found.seen, frame.settings), *_unseen_rows(found.unseen, found.seen)], key=lambda row: row.splat
+    )
     margins = _margins(resident, [row.splat for row in rows], frame.camera, frame.settings, x, y)
     return Probe(
         x,
@@ -163,22 +167,26 @@ def probe(frame: Frame, x: int, y: int) -> Probe:
         resident.epsilon(frame.settings),
         weight=frame["weight"][y, x].item(),
         count=frame["count"][y, x].item(),
-        albedo=tuple(frame["albedo"][y, x].tolist()),
+        albedo=tuple((frame["albedo"] if "albedo" in frame else frame.color[..., :3])[y, x].tolist()),
         normal=tuple(frame["N"][y, x].tolist()),
         color=tuple(frame.color[y, x].tolist()),
         margin=min(margins, default=MAX_MARGIN),
     )
 
 
-def _seen_rows(seen: Array) -> Iterator[ProbeRow]:
+def _seen_rows(seen: Array, settings: RenderSettings) -> Iterator[ProbeRow]:
     for raw in seen:
         state = int(raw["state"])
         if state & ACCEPTED:
-            verdict = "disc" if state & HIT else "pre-filter"
+            verdict = "disc" if state & HIT else FILTER
+            if settings.footprint != "raycast" and settings.prefilter == "none":
+                verdict = FOOTPRINT if verdict == FILTER else verdict
         elif state & EXISTS:
             verdict = BEHIND
         else:
-            verdict = EDGE_ON_SPLAT if state & EDGE_ON else UNSEEN if state & OUT else MISSED
+            verdict = (
+                EDGE_ON_SPLAT if state & EDGE_ON else UNSEEN if state & OUT else CLIPPED if state & CUT else MISSED
+            )
         yield _row(raw, verdict, _sums(raw))
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from splatcl import pipeline
 from splatcl.camera import Camera
-from splatcl.passes import Passes
+from splatcl.passes import PER_FRAGMENT, PREFILTERS, Passes
 from splatcl.pipeline import TileLists
 from splatcl.render import Renderer, Resident
 from splatcl.resident import ResidentSplats
@@ -22,7 +22,7 @@ REACH = 1.25
 """A splat is nearly at a pixel if its disc or its pre-filter's, this many times as large, covers the pixel."""
 CHUNK = 4096
 """Records that a work-item looks through."""
-HIT, OUT, EXISTS, ACCEPTED, EDGE_ON = 1, 2, 4, 8, 16
+HIT, OUT, EXISTS, ACCEPTED, EDGE_ON, CUT = 1, 2, 4, 8, 16, 32
 """Bits of ProbedSplat.state (kernels/probe.cl)."""
 CULLED, UNSEEN, MISSED = "culled", "out of near..far", "missed"
 
@@ -51,13 +51,24 @@ def at_pixel(
         near = _nearby(passes, view, on_device, pixel)
         projected = pipeline.project(passes, view, on_device, near)
         num = int(near.begin[-1])
-        at = (projected.records, near.ids, num, *pixel, camera.near, camera.far, depth)
-        if not reason:
-            passes.run("probe_depth", (1,), *at, particleid, **OPTIONS)
+        at = (
+            projected.records,
+            projected.extra,
+            projected.attributes,
+            near.ids,
+            num,
+            *pixel,
+            camera.near,
+            camera.far,
+            depth,
+        )
         arguments, options = pipeline.fragment_arguments(passes, resident.epsilon(settings))
-        options["PREFILTER"] = int(settings.prefilter == "min")
+        options = {**projected.options, **options, **OPTIONS, "PREFILTER": PREFILTERS[settings.prefilter]}
+        if not reason:
+            passes.run("probe_depth", (1,), *at, particleid, **options)
+        structs = pipeline.shading_structs(passes) if options["SHADING"] == PER_FRAGMENT else ()
         output = device.buffer(num * passes.dtypes["ProbedSplat"].itemsize)
-        passes.run("probe_rows", (1,), view, projected.attributes, *at, *arguments, output, **OPTIONS | options)
+        passes.run("probe_rows", (1,), view, *at, *arguments, output, *structs, **options)
         found = device.read(output, (num,), passes.dtypes["ProbedSplat"])
         rows[reason] = found[~np.isin(found["id"], known)]
         known = np.union1d(known, found["id"])
@@ -65,7 +76,7 @@ def at_pixel(
     return AtPixel(rows.pop(""), rows, z[0].item(), front[0].item())
 
 
-OPTIONS = {"LANES": 1, "REGION": 1, "PREFILTER": 0, "KERNEL": 0}
+OPTIONS = {"LANES": 1, "CHANNELS": 0}
 
 
 def _projections(camera: Camera, settings: RenderSettings) -> Iterator[tuple[str, Camera, RenderSettings]]:
@@ -89,8 +100,9 @@ def _nearby(passes: Passes, view: Any, splats: ResidentSplats, pixel: tuple[int,
         num_chunks = -(-num // CHUNK)
         ids, counts = device.buffer(num * 4), device.buffer(num_chunks * 4)
         passes.run(
-            "probe_select", (num_chunks,), projected.records, projected.attributes, projected.near_z, lists.ids, num,
-            CHUNK, *pixel, REACH, passes.settings.prefilter_radius**-2, ids, counts, **OPTIONS,
+            "probe_select", (num_chunks,), projected.records, projected.extra, projected.attributes, projected.near_z,
+            lists.ids, num, CHUNK, *pixel, REACH, passes.settings.prefilter_radius**-2, ids, counts,
+            **{**projected.options, **pipeline.fragment_arguments(passes, 0.0)[1], **OPTIONS},
         )  # fmt: skip
         lengths, places = device.read(counts, (num_chunks,), np.int32), device.read(ids, (num,), np.int32)
         found += [places[i * CHUNK : i * CHUNK + length] for i, length in enumerate(lengths)]

@@ -170,8 +170,7 @@ class Splats:
         length = np.linalg.norm(u, axis=1, keepdims=True)
         turned = np.cross(self.normal, u)
         grow = self.radius[:, None] / length
-        dtype = self.tangent_u.dtype
-        return replace(self, tangent_u=(u * grow).astype(dtype), tangent_v=(turned * grow).astype(dtype))
+        return replace(self, tangent_u=u * grow, tangent_v=turned * grow)
 
     def half_precision(self) -> Splats:
         """Return the splats with centres and normals rounded to 16-bit floats ([BHZK05] section 6).

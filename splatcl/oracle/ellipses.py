@@ -15,87 +15,111 @@ from splatcl.settings import RenderSettings
 
 @dataclass(frozen=True, eq=False)
 class _Ellipses:
-    """Per splat the ellipse x^T V^-1 x <= 1 about `center`, and what EWA makes of it; pixels."""
+    """Per splat an ellipse of disc coordinates w = M^-1 x, x in pixels from the projected centre.
 
-    center: Array  # (N, 2) raster
-    shape: Array  # (N, 2, 2) V: of the footprint, the contour r = 1
-    filtered: Array  # (N, 2, 2) V + cutoff^2 H
-    factor: Array  # (N,) sqrt(|V| / |V + cutoff^2 H|)
+    Its contour is |w|^2 = (1 + g.w)^2: the unit circle where g = 0 (the affine map), the projected disc's where g is
+    minus the tangents' share of depth.
+    """
+
+    center: Array  # (N, 2) projected centre, raster
+    m: Array  # (N, 2, 2) M
+    g: Array  # (N, 2)
+    low_pass: float  # cutoff^2 times the low-pass filter's variance, square pixels
     usable: Array  # (N,) bool
     usable_margin: Array  # (N,) signed
     kappa: Array  # (N,)
 
+    @property
+    def det_m(self) -> Array:
+        """(N,) |M|."""
+        return self.m[:, 0, 0] * self.m[:, 1, 1] - self.m[:, 0, 1] * self.m[:, 1, 0]
+
+    @property
+    def rest(self) -> Array:
+        """(N,) 1 - |g|^2."""
+        return 1 - (self.g**2).sum(axis=1)
+
+    @property
+    def middle(self) -> Array:
+        """(N, 2) the ellipse's own centre, w: where the gradient of (1 + g.w)^2 - |w|^2 vanishes."""
+        return self.g / self.rest[:, None]
+
+    @property
+    def variance(self) -> Array:
+        """(N, 2, 2) V: x^T V^-1 x = 1 at the contour, about the ellipse's centre."""
+        inner = np.eye(2) + self.g[:, :, None] * self.g[:, None, :] / self.rest[:, None, None]
+        return self.m @ inner @ self.m.swapaxes(1, 2) / self.rest[:, None, None]
+
+    @property
+    def factor(self) -> Array:
+        """(N,) sqrt(|V| / |V + cutoff^2 H|), what EWA's convolution leaves of the peak."""
+        det = self.det_m**2 / self.rest**3
+        filtered = self.variance + np.eye(2) * self.low_pass
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            return np.sqrt(det / (filtered[:, 0, 0] * filtered[:, 1, 1] - filtered[:, 0, 1] ** 2))
+
 
 def _ellipses(projected: ProjectedSplats, discs: _Discs, camera: Camera, settings: RenderSettings) -> _Ellipses:
-    """Return each splat's ellipse: of the affine map exact at the centre, or of the projected contour.
+    """Return each splat's ellipse: of the affine map exact at the centre (Heckbert), or of the projected contour.
 
-    Both are images of the unit circle: J [t_u t_v] with J the projection's derivative at the centre (Heckbert), and
-    the conic |(U.s, V.s)|^2 = (D.s)^2 ([ZRB04] section 3), whose centre is where its gradient vanishes.
+    Over the plane's points w = (u, v) den the ray meets the disc where |w| <= den, den = 1 + g.w ([ZRB04] section 3).
     """
     c, t_u, t_v = projected.center_eye, projected.tangent_u_eye, projected.tangent_v_eye
     cosine, cosine_scale = _cosine(c, t_u, t_v, camera)
+    t = np.stack([t_u, t_v], axis=-1)  # (N, 3, 2)
+    focal = np.array([camera.fx, camera.fy])
+    g, whole = np.zeros((len(c), 2)), np.full(len(c), np.inf)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        if settings.footprint == "affine":
-            center, shape = _affine(c, t_u, t_v, camera)
-            whole = np.full(len(c), np.inf)
+        if camera.projection == "orthographic":
+            center, m = c[:, :2], t[:, :2] * focal[:, None]
         else:
-            center, shape = _conic(discs, camera)
-            reach = np.hypot(t_u[:, 2], t_v[:, 2])
-            whole = ((1 - CLEAR) * c[:, 2] - reach) / (UNIT * (4 * np.abs(c[:, 2]) + 4 * reach + TINY))
-            if camera.projection == "orthographic":
-                whole = np.full(len(c), np.inf)
-        low_pass = np.eye(2) * (settings.cutoff * settings.prefilter_radius) ** 2
-        filtered = shape + low_pass if settings.prefilter == "ewa" else shape
-        factor = np.sqrt(np.linalg.det(shape) / np.linalg.det(filtered))
+            center = c[:, :2] / c[:, 2:]
+            m = (t[:, :2] - center[..., None] * t[:, 2:]) / c[:, 2, None, None] * focal[:, None]
+            if settings.footprint == "conic":
+                g = -t[:, 2] / c[:, 2:]
+                reach = np.hypot(t_u[:, 2], t_v[:, 2])
+                whole = ((1 - CLEAR) * c[:, 2] - reach) / (UNIT * (4 * np.abs(c[:, 2]) + 4 * reach + TINY))
         in_range = _range_margin(c[:, 2], np.abs(c[:, 2]) + TINY, camera)
     edge = (np.abs(cosine) - EDGE_ON) / (UNIT * cosine_scale)
     margin = np.minimum(np.minimum(in_range, edge), np.minimum(whole, projected.facing_margin))
     usable = (in_range >= 0) & (edge > 0) & (whole > 0) & ~projected.culled
-    return _Ellipses(center, shape, filtered, factor, usable, margin, discs.kappa)
+    low_pass = (settings.cutoff * settings.prefilter_radius) ** 2 if settings.prefilter == "ewa" else 0.0
+    g = np.where(usable[:, None], g, 0.0)
+    return _Ellipses(_raster(center, camera), m, g, low_pass, usable, margin, discs.kappa)
 
 
-def _affine(c: Array, t_u: Array, t_v: Array, camera: Camera) -> tuple[Array, Array]:
-    """(N, 2) projected centres, (N, 2, 2) M M^T of the affine maps M from the unit disc to pixels."""
-    t = np.stack([t_u, t_v], axis=-1)  # (N, 3, 2)
-    focal = np.array([camera.fx, camera.fy])
-    if camera.projection == "perspective":
-        slope = c[:, :2] / c[:, 2:]
-        m = (t[:, :2] - slope[..., None] * t[:, 2:]) / c[:, 2, None, None] * focal[:, None]
-    else:
-        slope = c[:, :2]
-        m = t[:, :2] * focal[:, None]
-    return _raster(slope, camera), m @ m.swapaxes(1, 2)
+def _within(ellipses: _Ellipses, filtered: bool, camera: Camera, s: Array) -> tuple[Array, Array]:
+    """r^2 of a pixel in the ellipse, +inf where there is none, and the signed margin of r^2 <= 1.
 
-
-def _conic(discs: _Discs, camera: Camera) -> tuple[Array, Array]:
-    """(N, 2) centres, (N, 2, 2) shapes of the conics x^T Q x = 0 over s, Q = U U^T + V V^T - D D^T."""
-    u, v, _, d = discs.forms.swapaxes(1, 2)  # (N, 3) each
-    d_center = np.where(discs.d_center > 0, discs.d_center, 1.0)[:, None]
-    q = sum(sign * (f / d_center)[:, :, None] * (f / d_center)[:, None, :] for sign, f in ((1, u), (1, v), (-1, d)))
-    usable = np.abs(np.linalg.det(q[:, :2, :2])) > 0
-    square = np.where(usable[:, None, None], q[:, :2, :2], np.eye(2))
-    center = -np.linalg.solve(square, q[:, :2, 2:])[:, :, 0]
-    value = -(q[:, 2, 2] + (q[:, 2, :2] * center).sum(axis=1))
-    focal = np.array([camera.fx, camera.fy])
-    shape = np.linalg.inv(square) * value[:, None, None] * focal[:, None] * focal
-    return center * focal + (camera.cx, camera.cy), shape
-
-
-def _within(ellipses: _Ellipses, shape: Array, camera: Camera, s: Array) -> tuple[Array, Array]:
-    """r^2 = x^T shape^-1 x of a pixel x, +inf where there is no ellipse, and the signed margin of r^2 <= 1.
-
-    `s` as for `_intersect`. The margin's scale: rounding of x by 2 pixels' 2^-24 and of the shape by 1 + kappa.
+    `filtered` by the low-pass filter or not; `s` as for `_intersect`. The margin's scale: rounding of x by 2 pixels'
+    2^-24, of the ellipse's short axis by 1 + kappa (less where the low-pass filter widens it), of the products that r
+    is a sum of. What is farther away than the long axis is outside, whatever the short one is.
     """
-    x = _raster(s, camera) - ellipses.center
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        a, b, d = shape[:, 0, 0], shape[:, 0, 1], shape[:, 1, 1]
-        det = np.linalg.det(shape)
-        r_squared = (d * x[..., 0] ** 2 - 2 * b * x[..., 0] * x[..., 1] + a * x[..., 1] ** 2) / det
-        r = np.sqrt(np.maximum(r_squared, 0))
-        along = np.sqrt(d / det) * np.abs(x[..., 0]) + np.sqrt(a / det) * np.abs(x[..., 1])
-        thin = np.sqrt((a + d) / det)  # about the inverse of the short half axis
-        scale = (1 + ellipses.kappa) * (r + along) + OFFSET_ERROR * thin
-        margin = np.fmin((1 - r) / (UNIT * scale), ellipses.usable_margin)
+        x, y = np.moveaxis(_raster(s, camera) - ellipses.center, -1, 0)
+        (a, b), (c, d) = ellipses.m[:, 0].T, ellipses.m[:, 1].T
+        middle, g, rest = ellipses.middle, ellipses.g, ellipses.rest
+        x, y = x - (a * middle[:, 0] + b * middle[:, 1]), y - (c * middle[:, 0] + d * middle[:, 1])
+        if filtered and ellipses.low_pass:
+            v = ellipses.variance + np.eye(2) * ellipses.low_pass
+            xx, xy, yy = v[:, 0, 0], v[:, 0, 1], v[:, 1, 1]
+            det = xx * yy - xy * xy
+            r_squared = (yy * x**2 - 2 * xy * x * y + xx * y**2) / det
+            along = (np.sqrt(yy) * np.abs(x) + np.sqrt(xx) * np.abs(y)) / np.sqrt(det)
+            thin = np.sqrt((xx + yy) / det)
+            steep, size = 1 + ellipses.kappa * ellipses.factor**2, np.sqrt(xx + yy)
+        else:
+            det = ellipses.det_m
+            p, q = (d * x - b * y) / det, (a * y - c * x) / det
+            r_squared = (p**2 + q**2 - (g[:, 0] * p + g[:, 1] * q) ** 2) * rest
+            along = ((np.abs(c) + np.abs(d)) * np.abs(x) + (np.abs(a) + np.abs(b)) * np.abs(y)) / np.abs(det)
+            thin = (np.abs(a) + np.abs(b) + np.abs(c) + np.abs(d)) / np.abs(det)
+            steep, size = 1 + ellipses.kappa, np.sqrt(ellipses.variance.trace(axis1=1, axis2=2))
+        r = np.sqrt(r_squared)
+        margin = (1 - r) / (UNIT * (steep * r + 4 * along + OFFSET_ERROR * thin))
+        away = np.hypot(x, y) / size  # r is at least that
+        margin = np.where(away > 1, np.fmin(margin, (1 - away) / (UNIT * (4 * away + OFFSET_ERROR / size))), margin)
+        margin = np.fmin(margin, ellipses.usable_margin)
     return np.where(ellipses.usable, np.nan_to_num(r_squared, nan=np.inf), np.inf), np.nan_to_num(margin, nan=-np.inf)
 
 
@@ -106,7 +130,7 @@ def _footprint(
 
     A fragment whose ray misses the disc takes the centre's depth.
     """
-    r_squared, margin = _within(ellipses, ellipses.filtered if filtered else ellipses.shape, camera, s)
+    r_squared, margin = _within(ellipses, filtered, camera, s)
     disc = hits.r_squared <= 1
     z = np.where(disc, hits.z, center_z)
     scale_z = np.where(disc, hits.scale_z, np.abs(center_z) + TINY)
