@@ -50,6 +50,7 @@ COMMANDS = {
     "probe": "Explain one pixel: every splat that touches it, and what became of it.",
     "info": "Say what a scan holds and what of it would be left out.",
     "bench": "Measure how fast splats are rendered, and what bounds it.",
+    "paper": "Rerun the papers' claims.",
     "doctor": "Test a device's arithmetic and its golden images.",
     "devices": "List the OpenCL devices and mark the one that is used.",
 }

@@ -51,10 +51,10 @@ def checkerboards(run: Run) -> Result:
     images: dict[str, Any] = {"truth": exact}
     images |= {name: run.render(splats, camera, **SHEET, **given).color[..., :3] for name, given in FILTERS.items()}
     samples = run.render(splats, camera, **SHEET, prefilter="none", supersampling=RAYS).color[..., :3]
-    figures, measured, notes = [], {}, ()
+    figures, measured, notes = [], {}, set()
     for name, image in images.items():
         flip = metrics.flip(image, exact)
-        notes = (metrics.NO_FLIP,) if flip is None else ()
+        notes |= {metrics.NO_FLIP} if flip is None else set()
         measured[name] = one = {
             "PSNR": (metrics.psnr(image, exact), "dB"),
             "SSIM": (metrics.ssim(image, exact), ""),
@@ -65,7 +65,7 @@ def checkerboards(run: Run) -> Result:
         figures += [Figure(name, key, value, unit) for key, (value, unit) in one.items() if value is not None]
     quality, error = ({name: one[key][0] for name, one in measured.items()} for key in ("PSNR", "aliasing"))
     title = "[BHZK05] Figure 3: a checkerboard at a grazing angle"
-    return Result("checkerboards", title, tuple(figures), _claims(quality, error), images, notes)
+    return Result("checkerboards", title, tuple(figures), _claims(quality, error), images, tuple(notes))
 
 
 def _claims(quality: dict[str, Any], error: dict[str, Any]) -> tuple[Claim, ...]:
@@ -73,8 +73,8 @@ def _claims(quality: dict[str, Any], error: dict[str, Any]) -> tuple[Claim, ...]
     return (
         Claim(
             "Object-space filters alone alias where the surface is minified.",
-            f"Toward the horizon, where pixels are longer than two squares and all should be grey, {error['none']:.1f}% "
-            f"of white are aliasing; with EWA {error['EWA']:.1f}%.",
+            f"Toward the horizon, where pixels are longer than two squares and all should be grey, "
+            f"{error['none']:.1f}% of white are aliasing; with EWA {error['EWA']:.1f}%.",
             error["none"] > 2 * error["EWA"],
         ),
         Claim(
@@ -84,8 +84,8 @@ def _claims(quality: dict[str, Any], error: dict[str, Any]) -> tuple[Claim, ...]
         ),
         Claim(
             "The min filter's quality is comparable to EWA's.",
-            f"{quality['min']:.1f} dB, EWA of a low-pass as wide {quality['EWA/2']:.1f} dB, none {quality['none']:.1f} dB; "
-            f"of aliasing, {error['min']:.1f}%, {error['EWA/2']:.1f}% and {error['none']:.1f}% are left.",
+            f"{quality['min']:.1f} dB, EWA of a low-pass as wide {quality['EWA/2']:.1f} dB, none {quality['none']:.1f} "
+            f"dB; of aliasing, {error['min']:.1f}%, {error['EWA/2']:.1f}% and {error['none']:.1f}% are left.",
             abs(quality["min"] - quality["EWA/2"]) < 1 and error["min"] < error["none"] / 2,
         ),
         Claim(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Any, get_args
 
 import numpy as np
@@ -56,6 +57,7 @@ def comparison(run: Run) -> Result:
             "PSNR": (quality, "dB"),
             "aliasing": (alias, "%"),
             "speed": (run.number(MANY) / times[method] / 1e6, "Msplats/s"),
+            "time by botsch05's": (times[method] / times["botsch05"], ""),
         }
         row = f"{method} {NAMES[method]}"
         figures += [Figure(row, name, value, unit) for name, (value, unit) in one.items()]
@@ -144,9 +146,10 @@ def _seconds(run: Run) -> dict[Method, float]:
         run.renderer.device.queue.finish()
 
     def job(method: Method) -> dict[str, float]:
-        return {method: seconds_of(lambda: draw(method))}
+        return {method: seconds_of(partial(draw, method))}
 
-    for method in get_args(Method):
+    jobs = {method: partial(job, method) for method in get_args(Method)}
+    for method in jobs:
         draw(method)
-    spreads = turn_by_turn([lambda m=m: job(m) for m in get_args(Method)], FRAMES, MAX_SECONDS, lambda steps: None)
-    return {m: one[m].median for m, one in zip(get_args(Method), spreads, strict=True)}
+    spreads = turn_by_turn(list(jobs.values()), FRAMES, MAX_SECONDS, lambda steps: None)
+    return {method: one[method].median for method, one in zip(jobs, spreads, strict=True)}

@@ -63,7 +63,8 @@ def settings(size: int) -> tuple[dict[str, Any], dict[str, Any]]:
 def kernel(run: Run, size: int, ratio: float, **given: Any) -> Array:
     """Return the (H, W) weights of a splat about the middle of the middle pixel."""
     short = ratio * FILTER * size
-    splat = Splats([[0.0, 0, DISTANCE]], [[ASPECT * short, 0, 0]], [[0, short, 0]])
+    u, v, center = np.diag([ASPECT * short, short, DISTANCE])[:, None]
+    splat = Splats(center, u, v)
     camera = Camera(np.eye(4), DISTANCE, DISTANCE, size / 2, size / 2, size, size)
     return run.render(splat, camera, shader="albedo", cutoff=CUTOFF, **given)["weight"]
 

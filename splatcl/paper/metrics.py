@@ -45,11 +45,12 @@ def psnr(image: Array, reference: Array, mask: Array | None = None) -> float:
 
 def ssim(image: Array, reference: Array) -> float:
     """Return the mean structural similarity of (H, W, 3) images whose white is 1: Gaussian window, sigma 1.5."""
-    from skimage.metrics import structural_similarity
+    from skimage import metrics
 
+    measure: Any = metrics.structural_similarity
     images = image.astype(np.float64), reference.astype(np.float64)
     options = {"data_range": PEAK, "channel_axis": 2, "gaussian_weights": True, "use_sample_covariance": False}
-    return float(structural_similarity(*images, **options))
+    return float(measure(*images, **options))
 
 
 def flip(image: Array, reference: Array) -> float | None:
@@ -75,7 +76,7 @@ def flip(image: Array, reference: Array) -> float | None:
 def srgb(color: Array) -> NDArray[np.float32]:
     """Return (H, W, 3) linear RGB as float sRGB of 256 levels, clamped to [0, 1]."""
     opaque = np.concatenate([color, np.ones((*color.shape[:2], 1))], axis=2)
-    return to_srgb8(opaque)[..., :3].astype(np.float32) / 255
+    return to_srgb8(opaque)[..., :3].astype(np.float32) / np.float32(255)
 
 
 def box_filtered(image: Array, n: int) -> Array:

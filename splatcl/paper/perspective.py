@@ -72,7 +72,8 @@ def hole_share(color: NDArray[Any], inside: NDArray[Any]) -> float:
 def tilted_disc() -> Splats:
     """Return one disc in front of the world's origin, whose near end is near the eye."""
     tilt = np.radians(TILT)
-    return Splats([[0, 0, -1.0]], [[RADIUS, 0, 0]], [[0, RADIUS * np.cos(tilt), RADIUS * np.sin(tilt)]])
+    along = RADIUS * np.array([[0, np.cos(tilt), np.sin(tilt)]])
+    return Splats(np.array([[0, 0, -1.0]]), np.array([[RADIUS, 0, 0]]), along)
 
 
 def disc_truth(camera: Camera) -> NDArray[Any]:

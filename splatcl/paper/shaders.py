@@ -69,5 +69,5 @@ def standing(splats: Splats) -> Splats:
     u, v = np.zeros_like(center), np.zeros_like(center)
     u[:, 2] = v[:, 0] = 1.6 * half / FLOOR_DISCS
     parts = ((splats.center, center), (splats.tangent_u, u), (splats.tangent_v, v))
-    color = np.tile(splats.color[:1], (len(splats) + len(center), 1))
-    return Splats(*map(np.concatenate, parts), color, splats.oriented)
+    center, u, v = (np.concatenate(part) for part in parts)
+    return Splats(center, u, v, np.tile(splats.color[:1], (len(center), 1)), splats.oriented)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from splatcl.bench.scenes import frame_camera
+from splatcl.frame import Frame
 from splatcl.paper.experiment import Claim, Figure, Result, Run
 from splatcl.paper.metrics import angles, differences, num_levels, psnr
 from splatcl.paper.scenes import ramp, scan
@@ -35,7 +37,7 @@ def targets(run: Run) -> Result:
         measured[name] = one = {
             "largest error": largest / STEP,
             "mean error": mean / STEP,
-            "different sums of weights": num_levels(frame["weight"][covered]),
+            "different weights": num_levels(frame["weight"][covered]),
             "saturated pixels": 100 * float(np.mean(frame["weight"][covered] >= TARGETS[name])),
             "mean error of normals": float(np.nanmean(angles(frame["N"][covered], reference["N"][covered]))),
         }
@@ -45,9 +47,9 @@ def targets(run: Run) -> Result:
     claims = (
         Claim(
             "Where splats are summed up in 8 bits a channel, sums overflow and colours and shading show bands.",
-            f"{low['saturated pixels']:.0f}% of the pixels saturate, {low['different sums of weights']:.0f} sums of weights are "
-            f"left of {measured['float32']['different sums of weights']:.0f}, colours are off by up to {low['largest error']:.0f}/255, "
-            f"normals by {low['mean error of normals']:.2g} degrees on average.",
+            f"{low['saturated pixels']:.0f}% of the pixels saturate, {low['different weights']:.0f} sums of weights "
+            f"are left of {measured['float32']['different weights']:.0f}, colours are off by up to "
+            f"{low['largest error']:.0f}/255, normals by {low['mean error of normals']:.2g} degrees on average.",
             low["saturated pixels"] > 1 and low["largest error"] > 8,
         ),
         Claim(
@@ -89,6 +91,6 @@ def half_inputs(run: Run) -> Result:
         ),
     )
     apart = np.where(both[..., None], 16 * np.abs(half.color - full.color)[..., :3], 0)
-    images = {"32 bits": full, "16 bits": half, "difference x 16": apart}
+    images: dict[str, Frame | NDArray[Any]] = {"32 bits": full, "16 bits": half, "difference x 16": apart}
     title = "[BHZK05] Section 6: centres and normals of 16 bits"
     return Result("half_inputs", title, tuple(figures), claims, images, notes)
