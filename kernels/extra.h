@@ -105,13 +105,21 @@ static inline void load_one_extra(extras *e, global const ProjectedExtra *extra,
   load_extras(e, extra, attributes, place);
 }
 
+// A line belongs to both splats that it divides, roundings of its form included: no crack opens between them.
+#define LINE_SLACK (DOUBLE ? R(1.7763568394002505e-15) : R(9.5367431640625e-7))  // 16 roundings of the form's terms
+
+static inline masks kept_by_line(const extras *e, const hit *h, int line)
+{
+  const reals x = e->clip_x[line] * h->dx, y = e->clip_y[line] * h->dy, one = e->clip_1[line];
+  const reals size = (magnitude(x) + magnitude(y)) + magnitude(one);
+  return MASK((x + y) + one >= size * -LINE_SLACK);
+}
+
 // Whether the clip lines keep the pixels.
 static inline masks kept_by_lines(const extras *e, const hit *h)
 {
 #if CLIP
-  const reals first = (e->clip_x[0] * h->dx + e->clip_y[0] * h->dy) + e->clip_1[0];
-  const reals second = (e->clip_x[1] * h->dx + e->clip_y[1] * h->dy) + e->clip_1[1];
-  return MASK(first >= R(0.0)) & MASK(second >= R(0.0));
+  return kept_by_line(e, h, 0) & kept_by_line(e, h, 1);
 #else
   return (masks)-1;
 #endif

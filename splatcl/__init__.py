@@ -9,6 +9,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from splatcl import features as features
     from splatcl.camera import Camera
     from splatcl.errors import SplatclError
     from splatcl.frame import Frame
@@ -65,6 +66,8 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         value: Any = version("splatcl")
+    elif name == "features":
+        value = importlib.import_module("splatcl.features")
     elif name in _MODULES:
         value = getattr(importlib.import_module(f"splatcl.{_MODULES[name]}"), name)
     else:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,51 @@ def splats_from_mesh(
         Wrong shapes, a face index out of range, no triangle with an area, or invalid triangles under
         ``on_invalid="error"``.
     """
+    triangles = mesh_triangles(
+        vertices, faces, color, normals, per_face=per_face, max_size=max_size, on_invalid=on_invalid, notes=notes
+    )
+    center, tangent_u, tangent_v = steiner_ellipses(triangles.corners)
+    dtype = np.result_type(np.asarray(vertices).dtype, np.float32)
+    return Splats(
+        center.astype(dtype),
+        tangent_u.astype(dtype),
+        tangent_v.astype(dtype),
+        triangles.mean_color,  # type: ignore[arg-type]
+        num_dropped=triangles.num_dropped,
+        notes=triangles.notes,
+        on_invalid=on_invalid,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Triangles:
+    """The usable triangles of a mesh, the large ones halved."""
+
+    corners: NDArray[np.float64]  # (T, 3, 3), world space
+    color: NDArray[np.float64] | None  # (T, 3, 3) of the corners, linear RGB
+    face: NDArray[np.intp]  # (T,) the row of `face_corners` that each is part of
+    face_corners: NDArray[np.float64]  # (F, 3, 3) the usable faces
+    num_dropped: int
+    notes: tuple[str, ...]
+
+    @property
+    def mean_color(self) -> NDArray[np.float32] | None:
+        """(T, 3) linear RGB of the triangles, or None."""
+        return None if self.color is None else self.color.mean(axis=1).astype(np.float32)
+
+
+def mesh_triangles(
+    vertices: ArrayLike,
+    faces: ArrayLike,
+    color: ArrayLike | None,
+    normals: ArrayLike | None,
+    *,
+    per_face: bool | None,
+    max_size: float,
+    on_invalid: OnInvalid,
+    notes: Iterable[str],
+) -> Triangles:
+    """Check a mesh and return its triangles; parameters and errors are those of `splats_from_mesh`."""
     corners, corner_color, face_normals = _corners(vertices, faces, color, normals, per_face)
     reason = _reasons(corners, corner_color)
     all_notes = [*notes, *_left_out(reason, on_invalid)]
@@ -77,21 +123,10 @@ def splats_from_mesh(
         flipped = _flip_to(corners, corner_color, face_normals[solid])
         if flipped:
             all_notes.append(f"turned {flipped} triangles to the side of their vertex normals")
-    num_faces = len(corners)
-    corners, corner_color = _halve_large(corners, corner_color, max_size)
-    halved = "" if len(corners) == num_faces else f", the large ones halved into {len(corners)} parts"
-    all_notes.append(f"covered {num_faces} triangles by their Steiner ellipses{halved}")
-    center, tangent_u, tangent_v = steiner_ellipses(corners)
-    dtype = np.result_type(np.asarray(vertices).dtype, np.float32)
-    return Splats(
-        center.astype(dtype),
-        tangent_u.astype(dtype),
-        tangent_v.astype(dtype),
-        None if corner_color is None else corner_color.mean(axis=1).astype(np.float32),  # type: ignore[arg-type]
-        num_dropped=int(np.count_nonzero(reason == 1)),
-        notes=tuple(all_notes),
-        on_invalid=on_invalid,
-    )
+    parts, part_color, face = _halve_large(corners, corner_color, max_size)
+    halved = "" if len(parts) == len(corners) else f", the large ones halved into {len(parts)} parts"
+    all_notes.append(f"covered {len(corners)} triangles by their Steiner ellipses{halved}")
+    return Triangles(parts, part_color, face, corners, int(np.count_nonzero(reason == 1)), tuple(all_notes))
 
 
 def steiner_ellipses(corners: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
@@ -206,15 +241,19 @@ def _flip_to(corners: NDArray[Any], color: NDArray[Any] | None, normals: NDArray
 
 def _halve_large(
     corners: NDArray[Any], color: NDArray[Any] | None, max_size: float
-) -> tuple[NDArray[Any], NDArray[Any] | None]:
-    """Halve triangles at their longest edge until no ellipse is longer than `max_size` of the diagonal."""
+) -> tuple[NDArray[Any], NDArray[Any] | None, NDArray[np.intp]]:
+    """Halve triangles at their longest edge until no ellipse is longer than `max_size` of the diagonal.
+
+    The third array says which triangle each is a part of.
+    """
     spread = corners.reshape(-1, 3)
     limit = max_size * float(np.linalg.norm(spread.max(axis=0) - spread.min(axis=0)))
+    source = np.arange(len(corners))
     while True:
         large = np.linalg.norm(steiner_ellipses(corners)[1], axis=1) > limit
         num = len(corners) + np.count_nonzero(large)
         if not large.any() or num > MAX_SPLATS:
-            return corners, color
+            return corners, color, source
         # Each large triangle is replaced in place by two: its longest edge's ends give way to the midpoint.
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         start = edges.argmax(axis=1)
@@ -229,3 +268,4 @@ def _halve_large(
             halves[split, end] = middle[parts[split]]
             arrays.append(halves)
         corners, color = arrays[0], None if color is None else arrays[1]
+        source = source[parts]

@@ -250,7 +250,7 @@ def _half(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _unusable(array: NDArray[Any]) -> NDArray[np.uint8]:
     """Return (N,) the index in `REASONS` of what is wrong with the rows of an optional array, 0 for nothing."""
-    rows = array.reshape(len(array), -1)
+    rows = array.reshape(len(array), int(np.prod(array.shape[1:])))
     with np.errstate(invalid="ignore"):
         finite, small = np.isfinite(rows).all(axis=1), (np.abs(rows) <= MAX_MAGNITUDE).all(axis=1)
     return np.select([~finite, ~small], [1, 2], 0).astype(np.uint8)

@@ -210,3 +210,16 @@ origin away first."""
 
 DEVICE_RELATIVE = 2.0**-22
 """Two roundings to float32."""
+
+# ---- clip lines and sharp features
+
+FEATURE = 1e-9
+"""Float64 lines of edges in disc coordinates and in space, for planes at more than a degree (seen: 1e-12), and the
+pixels between the two projections of one edge."""
+
+FEATURE_SAMPLED = 2e-3
+"""Least value of a line over what is left of a disc, against 20 000 samples of the disc, which lie about 0.01 apart
+and meet a corner less closely than that (seen: 5e-4 with samples on the rim and the lines)."""
+
+FEATURE_SPILL = 2e-6
+"""How far a splat may reach over an edge: features.lines.LEAST_CUT of a radius below 1, twice."""

@@ -25,7 +25,14 @@ MISTAKEN_PATH = frozenset(
 OPTIONS = {
     **{field.name: f"--{field.name.replace('_', '-')}" for field in fields(RenderSettings) if field.name != "lights"},
     **{name: f"--{name.replace('_', '-')}" for name in ("on_invalid", "tile_size", "allow_inexact", "exposure")},
-    **{"azimuth": "--azimuth", "elevation": "--elevation", "up": "--up", "fov_y": "--fov", "image size": "--size"},
+    **{
+        "azimuth": "--azimuth",
+        "elevation": "--elevation",
+        "angle": "--angle",
+        "up": "--up",
+        "fov_y": "--fov",
+        "image size": "--size",
+    },
 }
 """Parameters of the library and the options that set them."""
 
@@ -48,6 +55,7 @@ app = App(
 COMMANDS = {
     "render": "Render a scan to an OpenEXR file, a PNG, or both.",
     "probe": "Explain one pixel: every splat that touches it, and what became of it.",
+    "features": "Make splats of a mesh that end at its sharp edges.",
     "info": "Say what a scan holds and what of it would be left out.",
     "bench": "Measure how fast splats are rendered, and what bounds it.",
     "paper": "Rerun the papers' claims.",

@@ -102,22 +102,26 @@ def _splats(model: Model, on_invalid: OnInvalid) -> Splats:
     if model.faces is not None and len(model.faces):
         from splatcl.meshes import splats_from_mesh
 
-        unused = len(model.points) - len(np.unique(model.faces))
-        notes = [*model.notes, *([f"left out {unused} vertices of no face"] if unused else [])]
-        per_face = model.face_color is not None
-        return splats_from_mesh(
-            model.points,
-            model.faces,
-            model.face_color if per_face else model.color,
-            model.normals,
-            per_face=per_face,
-            on_invalid=on_invalid,
-            notes=notes,
-        )
+        return mesh_splats(model, on_invalid, splats_from_mesh)
     from splatcl.estimate import splats_from_points
 
     return splats_from_points(
         model.points, model.normals, model.color, model.radius, on_invalid=on_invalid, notes=model.notes
+    )
+
+
+def mesh_splats(model: Model, on_invalid: OnInvalid, make: Callable[..., Splats]) -> Splats:
+    """Return what `make`, called like `splatcl.meshes.splats_from_mesh`, makes of a model's triangles."""
+    unused = len(model.points) - len(np.unique(np.asarray(model.faces)))
+    per_face = model.face_color is not None
+    return make(
+        model.points,
+        model.faces,
+        model.face_color if per_face else model.color,
+        model.normals,
+        per_face=per_face,
+        on_invalid=on_invalid,
+        notes=[*model.notes, *([f"left out {unused} vertices of no face"] if unused else [])],
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,8 @@ SIZE = 192
 RATIOS = (0.25, 1.0, 4.0)
 """Radii of the splat in radii of the pre-filter."""
 ASPECT = 1.5
-FILTER = 1 / 20
-"""Radius of the pre-filter, of the image's side: the largest ellipse fits."""
+REACH = 0.45
+"""Half of the larger kernel's width, of the image's side."""
 CUTOFF = 2.0
 LEVELS = (0.25, 0.5, 0.75, 1.0)
 MIN_COLOR, EWA_COLOR = (0.9, 0.35, 0.0), (0.0, 0.2, 0.8)
@@ -32,12 +32,12 @@ def kernels(run: Run) -> Result:
     size = run.pixels(SIZE) | 1
     figures, images, ratios = [], {}, {}
     for ratio in RATIOS:
-        least, most = (kernel(run, size, ratio, **given) for given in settings(size))
+        least, most = (kernel(run, size, ratio, name) for name in ("min", "ewa"))
         ratios[ratio] = areas = area(most) / area(least)
         spread = np.trace(second_moments(most)) / np.trace(second_moments(least))
         name = f"splat {ratio:g} x filter"
         figures.append(Figure(name, "area EWA / min", areas))
-        figures.append(Figure(name, "expected", _expected(ratio)))
+        figures.append(Figure(name, "in closed form", expected(ratio)))
         figures.append(Figure(name, "second moment EWA / min", spread))
         images[name] = contours(least, most)
     small, even, large = (ratios[ratio] for ratio in RATIOS)
@@ -54,22 +54,21 @@ def kernels(run: Run) -> Result:
     return Result("kernels", title, tuple(figures), claims, images)
 
 
-def settings(size: int) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what makes the min filter and the EWA filter of the same low-pass, FILTER of the image wide."""
-    radius = FILTER * size
-    return {"prefilter_radius": radius}, {"method": "zwicker04", "prefilter_radius": radius / CUTOFF}
-
-
-def kernel(run: Run, size: int, ratio: float, **given: Any) -> Array:
-    """Return the (H, W) weights of a splat about the middle of the middle pixel."""
-    short = ratio * FILTER * size
+def kernel(run: Run, size: int, ratio: float, prefilter: Literal["min", "ewa"]) -> Array:
+    """Return the (H, W) weights of a splat about the middle of the middle pixel, under low-passes of the same width."""
+    radius = REACH * size / np.hypot(ASPECT * ratio, 1)
+    given = {
+        "min": {"prefilter_radius": radius},
+        "ewa": {"method": "zwicker04", "prefilter_radius": radius / CUTOFF},
+    }
+    short = ratio * radius
     u, v, center = np.diag([ASPECT * short, short, DISTANCE])[:, None]
     splat = Splats(center, u, v)
     camera = Camera(np.eye(4), DISTANCE, DISTANCE, size / 2, size / 2, size, size)
-    return run.render(splat, camera, shader="albedo", cutoff=CUTOFF, **given)["weight"]
+    return run.render(splat, camera, shader="albedo", cutoff=CUTOFF, **given[prefilter])["weight"]
 
 
-def _expected(ratio: float) -> float:
+def expected(ratio: float) -> float:
     """Return the area of EWA's footprint by that of the min filter's, in closed form, radius of the filter 1.
 
     The one is the ellipse whose squared axes are sums; the other is the union of an ellipse and the unit disc.

@@ -25,7 +25,7 @@ def overdraw(run: Run) -> Result:
         counts = {name: run.render(splats, camera, prefilter=given)["count"] for name, given in FILTERS.items()}
         row = f"{len(splats):,} splats"
         shares = {name: float(count.sum(dtype=np.int64)) / np.count_nonzero(count) for name, count in counts.items()}
-        figures += [Figure(row, f"fragments per covered pixel, {name}", share) for name, share in shares.items()]
+        figures += [Figure(row, f"fragments per covered pixel {name}", share) for name, share in shares.items()]
         saved = 100 - 100 / shares["with it"]
         figures.append(Figure(row, "lighting evaluations saved", saved, "%"))
         per_pixel.append(shares)

@@ -37,10 +37,10 @@ def holes(run: Run) -> Result:
         images[name] = color
         disc = run.render(one, lens, **BARE, **given).color[..., 3] > 0
         shape_error[name] = 100 * float(np.count_nonzero(disc != exact) / np.count_nonzero(exact))
-        figures.append(Figure(name, "uncovered floor", open_share[name], "% of its pixels"))
+        figures.append(Figure(name, "uncovered floor", open_share[name], "%"))
         through = hole_share(run.render(floor, low, **BARE, **given).color, on_floor(low))
-        figures.append(Figure(name, "uncovered where discs reach through the eye plane", through, "% of its pixels"))
-        figures.append(Figure(name, "wrong pixels of one disc", shape_error[name], "% of its area"))
+        figures.append(Figure(name, "with discs through the eye plane", through, "%"))
+        figures.append(Figure(name, "wrong of one disc", shape_error[name], "%"))
         images[f"disc, {name}"] = np.stack([exact, disc, disc], axis=-1).astype(float)
     claims = (
         Claim(

@@ -47,12 +47,13 @@ def print_result(result: Result) -> None:
     from rich.table import Table
 
     columns, rows = table(result)
-    figures = Table(title=f"{result.name}: {result.title}", box=box.SIMPLE, title_justify="left")
+    figures = Table(box=box.SIMPLE)
     for place, column in enumerate(columns):
         figures.add_column(column, justify="right" if place else "left")
     for row in rows:
         figures.add_row(*row)
     console = Console(width=None if sys.stdout.isatty() else WIDTH, markup=False, highlight=False)
+    console.print(f"{result.name}: {result.title}", style="bold")
     console.print(figures)
     for claim in result.claims:
         console.print(f"{HOLDS[claim.holds]}: {claim.says} {claim.here}")

@@ -19,7 +19,7 @@ EYE = (1.6, 1.3, 2.1)
 FACES = {"prefilter": "none", "epsilon": 1e-3}
 CSG_SPACING = 0.06
 NEAR_SURFACE = 0.02
-"""Scene units: how far in front of the solid's surface a pixel's place may be, and how far behind."""
+"""Scene units: how far from the solid's surface a pixel's place may be."""
 
 
 def sharp_features(run: Run) -> Result:
@@ -32,7 +32,7 @@ def sharp_features(run: Run) -> Result:
     for name, strip in {"clipped": False, "whole discs": True}.items():
         frame = run.render(_splats(cube, strip), camera, **FACES)
         wrong[name] = 100 * float(np.count_nonzero((frame.color[..., 3] > 0) != truth) / np.count_nonzero(truth))
-        figures.append(Figure(f"cube, {name}", "wrong silhouette", wrong[name], "% of its pixels"))
+        figures.append(Figure(f"cube, {name}", "wrong silhouette", wrong[name], "%"))
         images[f"cube, {name}"] = frame.color
         frame = run.render(_splats(carved, strip), camera, prefilter="none")
         astray[name] = 100 * _off_surface(solid, frame["Z"], camera)
@@ -70,11 +70,13 @@ def cube_truth(camera: Camera) -> NDArray[Any]:
 
 
 def _off_surface(solid: features.Solid, z: NDArray[Any], camera: Camera) -> float:
-    """Return the share of the covered pixels whose ray does not go into the solid near the depth `z`, (H, W)."""
+    """Return the share of the covered pixels whose place, at the depth `z`, (H, W), is far from the solid's surface.
+
+    It is near where, of the places one step along or against an axis, some are inside of the solid and some are not.
+    """
     covered = np.isfinite(z)
     origin, direction = rays(camera)
-    before, behind = (
-        solid.inside(origin + (z[covered].astype(np.float64) + step)[:, None] * direction[covered])
-        for step in (-NEAR_SURFACE, NEAR_SURFACE)
-    )
-    return float(np.mean(before | ~behind))
+    place = origin + z[covered].astype(np.float64)[:, None] * direction[covered]
+    steps = NEAR_SURFACE * np.concatenate([np.eye(3), -np.eye(3)])
+    inside = np.stack([solid.inside(place + step) for step in steps])
+    return float(np.mean(inside.all(axis=0) | ~inside.any(axis=0)))
