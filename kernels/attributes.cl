@@ -212,7 +212,8 @@ kernel void attributes(constant View *view, global const ProjectedSplat *records
     write_nothing(&to, view, &w);
     return;
   }
-  const rules r = {view->near, view->far, falloff, inverse_radius2, table, table_size, w.x, w.y THE_LIGHTS};
+  const rules r = {view->near, view->far, falloff, inverse_radius2, table, table_size,
+                   w.x + view->first_column, w.y + view->first_row THE_LIGHTS};
   const entries in = {records, extra, splat_attributes, boxes, channels, ids + first_entry};
   target t;
   const real farthest = begin_target(&t, view, &w, depth, epsilon, along_ray);

@@ -102,7 +102,7 @@ static inline masks surely_away(reals3 tu, reals3 tv, reals3 c, reals error)
   return MASK(dot3(g, c) > size * (length1(c) * FACING_SLACK + error * R(2.0)));
 }
 
-// The pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
+// The window's pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
 typedef struct {
   range x, y;
   reals near_z;
@@ -151,8 +151,8 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   spread_x = wide + magnitude(c.x) * lean;
   spread_y = high + magnitude(c.y) * lean;
 #endif
-  x = pixels(&s, x, slack, c.x, spread_x, view->fx_hi, view->cx_hi);
-  y = pixels(&s, y, slack, c.y, spread_y, view->fy_hi, view->cy_hi);
+  x = pixels(&s, x, slack, c.x, spread_x, view->fx_hi, view->cx_hi - (real)view->first_column);
+  y = pixels(&s, y, slack, c.y, spread_y, view->fy_hi, view->cy_hi - (real)view->first_row);
   const int around_bounds = view->prefilter_at_bounds | (view->low_pass_reach > R(0.0));
   if (around_bounds) {  // its centre may be anywhere in them
     const reals around = (reals)(at_least_of(view->prefilter_radius, view->low_pass_reach) + PIXEL_SLACK);

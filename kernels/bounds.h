@@ -49,16 +49,29 @@ static inline bounds around_both(bounds a, bounds b)
   return c;
 }
 
-// The image's pixels whose centres lie within bounds.
+// Of the pixels [first, first + size) of the image, counted from `first`: the first whose centre is not before `low`, and
+// the last whose centre is not beyond `high`.
+static inline reals first_pixel(reals low, real first, real size)
+{
+  return round_up(at_most(at_least(low, (reals)first), (reals)(first + size))) - first;
+}
+
+static inline reals last_pixel(reals high, real first, real size)
+{
+  return round_down(at_least(at_most(high, (reals)(first + size - R(1.0))), (reals)(first - R(1.0)))) - first;
+}
+
+// The window's pixels whose centres lie within bounds, counted from its first.
 static inline boxes pixels_of(constant View *view, const projected *s, const bounds *b)
 {
   // A reference point far outside the image rounds coarsely.
   const reals coarse_x = magnitude(s->pixel_x) * R(2.4e-7), coarse_y = magnitude(s->pixel_y) * R(2.4e-7);
-  const reals right = (reals)(real)view->width, bottom = (reals)(real)view->height;
-  boxes p = {round_up(at_most(at_least(s->pixel_x + (s->offset_x + b->x_low - coarse_x), R(0.0)), right)),
-             round_down(at_least(at_most(s->pixel_x + (s->offset_x + b->x_high + coarse_x), right - R(1.0)), R(-1.0))),
-             round_up(at_most(at_least(s->pixel_y + (s->offset_y + b->y_low - coarse_y), R(0.0)), bottom)),
-             round_down(at_least(at_most(s->pixel_y + (s->offset_y + b->y_high + coarse_y), bottom - R(1.0)), R(-1.0)))};
+  const real left = (real)view->first_column, width = (real)view->width;
+  const real top = (real)view->first_row, height = (real)view->height;
+  boxes p = {first_pixel(s->pixel_x + (s->offset_x + b->x_low - coarse_x), left, width),
+             last_pixel(s->pixel_x + (s->offset_x + b->x_high + coarse_x), left, width),
+             first_pixel(s->pixel_y + (s->offset_y + b->y_low - coarse_y), top, height),
+             last_pixel(s->pixel_y + (s->offset_y + b->y_high + coarse_y), top, height)};
   // A reference point that is no number is near every pixel, but bounds may say that there is nothing.
   const masks none = MASK(b->x_low > b->x_high) | MASK(p.x_first > p.x_last) | MASK(p.y_first > p.y_last);
   p.x_first = SELECT(p.x_first, R(1.0), none);
@@ -68,10 +81,13 @@ static inline boxes pixels_of(constant View *view, const projected *s, const bou
 
 // The least depth that hit_depth (splat.h) has at the pixels of `drawn`. Each of its roundings keeps order, and so it is
 // at a corner, to the bit: no slack could be sure where tangents are nearly parallel.
-static inline reals least_depth(const projected *s)
+static inline reals least_depth(constant View *view, const projected *s)
 {
-  const reals left = (s->drawn.x_first - s->pixel_x) - s->offset_x, right = (s->drawn.x_last - s->pixel_x) - s->offset_x;
-  const reals top = (s->drawn.y_first - s->pixel_y) - s->offset_y, bottom = (s->drawn.y_last - s->pixel_y) - s->offset_y;
+  const real x = (real)view->first_column, y = (real)view->first_row;
+  const reals left = ((s->drawn.x_first + x) - s->pixel_x) - s->offset_x;
+  const reals right = ((s->drawn.x_last + x) - s->pixel_x) - s->offset_x;
+  const reals top = ((s->drawn.y_first + y) - s->pixel_y) - s->offset_y;
+  const reals bottom = ((s->drawn.y_last + y) - s->pixel_y) - s->offset_y;
 #if ORTHOGRAPHIC
   return (at_most(s->g_x * left, s->g_x * right) + at_most(s->g_y * top, s->g_y * bottom)) + s->z;
 #else

@@ -224,7 +224,7 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   s.prefilter_x = SELECT(NOWHERE, s.prefilter_x, filtered);
   s.prefilter_y = SELECT(NOWHERE, s.prefilter_y, filtered);
 
-  s.near_z = at_least(least_depth(&s), view->near);
+  s.near_z = at_least(least_depth(view, &s), view->near);
   s.near_z = SELECT(s.near_z, at_most(s.near_z, c.z), ELLIPSE ? (masks)-1 : filtered);  // where the ray misses the disc
 #if EXTRA || SHADING == PER_SPLAT
   s.center = c;

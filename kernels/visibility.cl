@@ -16,6 +16,7 @@
 typedef struct {
   real depth[REACHED_PIXELS] __attribute__((aligned(sizeof(reals))));
   uint particleid[REGION_PIXELS];
+  int left, top;  // the first pixel's place in the image, of which a window is drawn
 } front;
 
 // Of equal depths the lower splat index is in front, whichever comes first.
@@ -67,10 +68,10 @@ static inline meetings meet(const discs *s, const extras *e, reals center_z, rea
 
 // LANES splats in small boxes, pixel by pixel of each.
 static inline void small_boxes(front *f, global const int *ids, const int *place, const discs *s, const extras *e,
-                               reals center_z, const boxes *b, const region *w, real near, real far)
+                               reals center_z, const boxes *b, real near, real far)
 {
   const counted_boxes c = count_boxes(b);
-  const reals left = b->x_first + (real)w->x, top = b->y_first + (real)w->y;
+  const reals left = b->x_first + (real)f->left, top = b->y_first + (real)f->top;
   int offset[LANES];
   for (int lane = 0; lane < LANES; ++lane) offset[lane] = WHOLE_OF(c.first, lane);
   for (int y = 0; y < SMALL && ANY(MASK(c.down > (bits)y)); ++y)
@@ -87,13 +88,13 @@ static inline void small_boxes(front *f, global const int *ids, const int *place
 
 // One splat in a box of any size, LANES pixels at a time.
 static inline void large_box(front *f, global const ProjectedSplat *records, global const ProjectedExtra *extra,
-                             int entry, uint id, int first, int across, int down, const region *w, real near, real far)
+                             int entry, uint id, int first, int across, int down, real near, real far)
 {
   const ProjectedSplat whole = records[entry];
   const discs s = disc_of(&whole);
   extras e;
   load_one_footprint(&e, extra, entry);
-  const reals left = (real)(w->x + first % REGION) + LANE_X, top = (real)(w->y + first / REGION) + LANE_Y;
+  const reals left = (real)(f->left + first % REGION) + LANE_X, top = (real)(f->top + first / REGION) + LANE_Y;
   int offset[LANES];
   block_offsets(offset);
   for (int y = 0; y < down; y += BLOCK_Y)
@@ -117,13 +118,13 @@ static inline void batch(front *f, global const ProjectedSplat *records, global 
   if (all_small(&b)) {
     extras e;
     load_footprints(&e, extra, place);
-    small_boxes(f, ids, place, &s, &e, CENTERS_Z, &b, w, near, far);
+    small_boxes(f, ids, place, &s, &e, CENTERS_Z, &b, near, far);
     return;
   }
   const counted_boxes c = count_boxes(&b);
   for (int lane = 0; lane < num; ++lane)
     large_box(f, records, extra, place[lane], ids[place[lane]], WHOLE_OF(c.first, lane), WHOLE_OF(c.across, lane),
-              WHOLE_OF(c.down, lane), w, near, far);
+              WHOLE_OF(c.down, lane), near, far);
 }
 
 // The depth behind which nothing can be in front of anything: +inf until every pixel is covered.
@@ -137,9 +138,10 @@ static inline real farthest_of(const front *f)
 }
 
 kernel void visibility(global const ProjectedSplat *records, global const ProjectedExtra *extra,
-                       global const real *near_z, global const int *ids, const int first_entry, global const int *tile_begin, const int first_tile, const int tiles_x,
-                       const int width, const int height, const real near, const real far, global real *depth,
-                       global uint *particleid)
+                       global const real *near_z, global const int *ids, const int first_entry,
+                       global const int *tile_begin, const int first_tile, const int tiles_x, const int first_column,
+                       const int first_row, const int width, const int height, const real near, const real far,
+                       global real *depth, global uint *particleid)
 {
   const region w = region_of(get_global_id(0), first_tile, tiles_x);
   const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
@@ -149,6 +151,8 @@ kernel void visibility(global const ProjectedSplat *records, global const Projec
   if (first >= end) return;  // nothing to add
 #endif
   front f;
+  f.left = w.x + first_column;
+  f.top = w.y + first_row;
   for (int p = 0; p < REACHED_PIXELS; ++p) f.depth[p] = -(real)INFINITY;  // beside the image nothing is waited for
   for (int p = 0; p < REGION_PIXELS; ++p) f.particleid[p] = NO_SPLAT;
   for (int y = 0; y < least(REGION, height - w.y); ++y)

@@ -49,7 +49,8 @@ static inline void vary(weighted *t, const extras *e, const hit *h, const fragme
   t->normal = unit3(add3(e->normal, add3(scale3(e->normal_du, u), scale3(e->normal_dv, v))));
 #endif
 #if SHADING == PER_FRAGMENT
-  Surface s = surface_point(r->view, x, y, t->z, t->normal, t->color, r->shading);
+  const reals column = x - (real)r->view->first_column, row = y - (real)r->view->first_row;  // in the window
+  Surface s = surface_point(r->view, column, row, t->z, t->normal, t->color, r->shading);
 #if GLOSS
   s.specular = SELECT(s.specular, e->specular, MASK(e->specular == e->specular));  // else the material's
   s.shininess = SELECT(s.shininess, e->shininess, MASK(e->shininess == e->shininess));

@@ -92,9 +92,7 @@ def _ellipses(splats: Splats, surface: Surface, patches: Patches) -> Splats:
         return (np.bincount(rows, area * values[ids]) / np.bincount(rows, area)).astype(values.dtype)
 
     lost = [
-        name
-        for name, there in (("normal fields", splats.normal_du), ("clip lines", splats.clip))
-        if there is not None
+        name for name, there in (("normal fields", splats.normal_du), ("clip lines", splats.clip)) if there is not None
     ]
     error, angle = surface.error, math.degrees(surface.angle)
     note = f"decimated {len(splats)} splats to {len(patches)}: error {error:.6g}, angle {angle:.6g} degrees"

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.camera import Camera
@@ -65,7 +66,11 @@ class Frame:
 
     @property
     def color(self) -> NDArray[Any]:
-        """(H, W, 4) float32 linear RGB and alpha (1 where a splat is, else 0)."""
+        """(H, W, 4) float32 linear RGB and alpha: 1 where a splat is, else 0.
+
+        Supersampled, both are means over the samples: alpha is what splats cover of a pixel, and RGB is associated
+        (premultiplied), as OpenEXR has it.
+        """
         return self["color"]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
@@ -116,7 +121,7 @@ class Frame:
 
         suffix = output_format(path)
         if suffix == ".png":
-            write_png(path, self.color, exposure)
+            write_png(path, self._straight_color(), exposure)
         elif exposure:
             raise SplatclError(f"{path}: exposure is for .png; an .exr holds the linear values")
         else:
@@ -168,6 +173,11 @@ class Frame:
 
     def origin(self, purpose: str) -> tuple[Renderer, Splats | Resident]:
         """Return the renderer and the splats that the frame was rendered with; `purpose` is what for."""
+        if self.settings.supersampling > 1:
+            raise SplatclError(
+                f"cannot {purpose} a supersampled frame: decisions are made at samples, and its pixels are means of "
+                f"{self.settings.supersampling**2} samples each; render with supersampling=1"
+            )
         if self.rendered_from is None:
             raise SplatclError(
                 f"cannot {purpose} a frame without its splats (it was read or unpickled); render it again"
@@ -177,7 +187,14 @@ class Frame:
     def _repr_png_(self) -> bytes:
         from splatcl.io.png import encode_png
 
-        return encode_png(self.color)
+        return encode_png(self._straight_color())
+
+    def _straight_color(self) -> NDArray[Any]:
+        """Return `color` with straight alpha, as PNG has it; the two differ where alpha is neither 0 nor 1."""
+        if self.settings.supersampling == 1:
+            return self.color
+        rgb, alpha = self.color[..., :3], self.color[..., 3:]
+        return np.concatenate([rgb / np.where(alpha > 0, alpha, 1), alpha], axis=-1)
 
     def __repr__(self) -> str:
         return f"<Frame {self.width}x{self.height}: {', '.join(self)}>"

@@ -30,10 +30,13 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
     """Fields of every struct; `real` is "f4" or "f8"."""
     rows = [f"r{row}{column}" for row in range(3) for column in range(3)]
     return {
-        # eye_from_world for origin-relative world coordinates, and the intrinsics, to twice the precision.
+        # eye_from_world for origin-relative world coordinates, and the intrinsics, to twice the precision; the window.
         "View": _pairs(real, *rows, "t0", "t1", "t2", "fx", "fy", "cx", "cy")
         + _reals(real, "near", "far", "prefilter_radius", "reach", "low_pass", "low_pass_reach")
-        + [(name, "i4") for name in ("width", "height", "facing", "prefilter", "prefilter_at_bounds")],
+        + [
+            (name, "i4")
+            for name in ("first_column", "first_row", "width", "height", "facing", "prefilter", "prefilter_at_bounds")
+        ],
         # 48 bytes: a splat in world space, relative to the origin, as the projection fetches it.
         "Splat": _reals(real, "x", "y", "z", "ux", "uy", "uz", "vx", "vy", "vz", "red", "green", "blue"),
         # What only some methods or splats have, in world space: clip lines, normal field, gloss.

@@ -31,7 +31,11 @@ EVERY, FRONT, BEHIND = 0, 1, 2
 
 
 class Passes:
-    """What every pass of one frame needs: the device, the camera and settings as structs, the tile grid."""
+    """What every pass of one frame needs: the device, the camera and settings as structs, the tile grid.
+
+    `first` is the column and row of a window's first pixel: the frame is then the pixels from there on, `camera.width`
+    and `camera.height` of them, of a larger image whose principal point the camera's is.
+    """
 
     def __init__(
         self,
@@ -40,8 +44,10 @@ class Passes:
         settings: RenderSettings,
         tile_size: int,
         precision: Precision,
+        first: tuple[int, int] = (0, 0),
     ) -> None:
         self.device, self.camera, self.settings, self.tile_size = device, camera, settings, tile_size
+        self.first_column, self.first_row = first
         self.precision, self.real = precision, np.dtype(REAL[precision])
         self.dtypes, self.declarations = structs(REAL[precision])
         self.lanes = device.lanes_of(self.real)
@@ -123,6 +129,7 @@ class Passes:
         view["reach"] = np.abs(translation).sum()
         view["near"], view["far"] = camera.near, camera.far
         view["prefilter_radius"] = self.settings.prefilter_radius
+        view["first_column"], view["first_row"] = self.first_column, self.first_row
         view["width"], view["height"] = camera.width, camera.height
         view["facing"] = FACING[self.settings.facing]
         view["prefilter"] = self.settings.prefilter == "min"

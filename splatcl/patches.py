@@ -47,7 +47,9 @@ class Patches:
     ids: NDArray[np.intp]
 
     @classmethod
-    def joined(cls, seeds: list[NDArray[np.intp]], sizes: list[NDArray[np.intp]], ids: list[NDArray[np.intp]]) -> Patches:
+    def joined(
+        cls, seeds: list[NDArray[np.intp]], sizes: list[NDArray[np.intp]], ids: list[NDArray[np.intp]]
+    ) -> Patches:
         """Make patches of lists of arrays: seeds, numbers of splats, splats."""
         return cls(np.concatenate(seeds), np.concatenate([[0], np.concatenate(sizes).cumsum()]), np.concatenate(ids))
 

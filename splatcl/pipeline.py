@@ -209,8 +209,9 @@ def visibility(
     camera = passes.camera
     passes.run_raster(
         "visibility", lists, projected.records, projected.extra, projected.disc_near_z, lists.ids, lists.start,
-        lists.begin_buffer, lists.first_tile, passes.tiles_x, camera.width, camera.height, camera.near, camera.far,
-        depth.depth, depth.particleid, BEHIND_FRONT=int(layer == BEHIND), **projected.options,
+        lists.begin_buffer, lists.first_tile, passes.tiles_x, passes.first_column, passes.first_row, camera.width,
+        camera.height, camera.near, camera.far, depth.depth, depth.particleid, BEHIND_FRONT=int(layer == BEHIND),
+        **projected.options,
     )  # fmt: skip
 
 

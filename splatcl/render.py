@@ -20,6 +20,7 @@ from splatcl.pipeline import DepthBuffer, GBuffer
 from splatcl.resident import GLOSS, ResidentSplats, upload
 from splatcl.settings import RenderSettings
 from splatcl.splats import PREFIX, Splats
+from splatcl.supersampling import NEIGHBOURS, supersampled
 from splatcl.worker import worker
 
 TILE_SIZES = (8, 16, 32, 64)
@@ -141,20 +142,46 @@ class Renderer:
         assert self._device
         return self._device
 
-    def prepare(self, resident: Resident, camera: Camera, settings: RenderSettings) -> tuple[Passes, ResidentSplats]:
-        """Return what every pass of one frame needs, and the splats on the device. For functions given to `call`."""
+    def prepare(
+        self, resident: Resident, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)
+    ) -> tuple[Passes, ResidentSplats]:
+        """Return what every pass of one frame needs, and the splats on the device. For functions given to `call`.
+
+        `first` is the column and row of a window's first pixel (`Passes`).
+        """
         device = self.device
         if settings.precision == "double" and not self.supports_double:
             raise DeviceError(f"{device.info.name} has no double precision; choose another device")
         key = (device, settings.precision)
         if key not in resident._on_device:
             resident._on_device[key] = upload(device, resident.splats, settings.precision)
-        passes = Passes(device, camera, settings, self._arguments[1], settings.precision)
+        passes = Passes(device, camera, settings, self._arguments[1], settings.precision, first)
         return passes, resident._on_device[key]
 
 
 def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> Frame:
-    passes, on_device = renderer.prepare(resident, camera, settings)
+    def window(camera: Camera, first: tuple[int, int] = (0, 0)) -> DeviceAovs:
+        return _draw(renderer, resident, camera, settings, first)
+
+    n = settings.supersampling
+    aovs = window(camera) if n == 1 else supersampled(camera, n, window, NEIGHBOURS.get(settings.shader, 0))
+    metadata = {
+        "epsilon": resident.epsilon(settings),
+        "num_splats": len(resident.splats),
+        "num_dropped": resident.splats.num_dropped,
+        "notes": list(resident.splats.notes),
+        "device": f"{renderer.device.info.version}, {renderer.device.info.name}",
+    }
+    if inexact := renderer.device.strictness.reason(settings.precision):
+        metadata["inexact"] = inexact
+    return Frame(aovs, camera, settings, metadata)
+
+
+def _draw(
+    renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings, first: tuple[int, int]
+) -> DeviceAovs:
+    """Run the passes for the window of a larger image that begins at `first` (`Passes`)."""
+    passes, on_device = renderer.prepare(resident, camera, settings, first)
     epsilon = resident.epsilon(settings)
     view = passes.view(on_device.origin)
     depth, gbuffer = pipeline.frame_buffers(passes)
@@ -176,17 +203,7 @@ def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: Re
     }
     gloss = sum(1 << k for k, name in enumerate(GLOSS) if name in names)
     color = pipeline.shade(passes, view, depth, gbuffer, channels[0][0] if gloss else None, gloss)
-    aovs = DeviceAovs(passes, view, depth, gbuffer, color, names)
-    metadata = {
-        "epsilon": epsilon,
-        "num_splats": len(resident.splats),
-        "num_dropped": resident.splats.num_dropped,
-        "notes": list(resident.splats.notes),
-        "device": f"{passes.device.info.version}, {passes.device.info.name}",
-    }
-    if inexact := passes.device.strictness.reason(settings.precision):
-        metadata["inexact"] = inexact
-    return Frame(aovs, camera, settings, metadata)
+    return DeviceAovs(passes, view, depth, gbuffer, color, names)
 
 
 class DeviceAovs(Mapping[str, NDArray[Any]]):

@@ -194,7 +194,7 @@ class Splats:
             tangents[name] = flat.astype(getattr(self, name).dtype)
         return replace(self, center=rounded.astype(self.center.dtype), **tangents)
 
-    def take(self, ids: ArrayLike) -> Splats:
+    def take(self, ids: ArrayLike | slice) -> Splats:
         """Return the splats at `ids` (indices, a mask or a slice), in that order."""
         key: Any = ids if isinstance(ids, slice) else np.asarray(ids)
         if not isinstance(key, slice) and not key.size:

@@ -231,3 +231,18 @@ KERNEL_AREA = 0.02
 
 MOMENT_RELATIVE = 2e-3
 """Second moments of a Gaussian of 4 pixels' deviation, sampled at pixel centres and cut at 6 deviations."""
+
+# ---- supersampling
+
+SUPERSAMPLED_ROUNDING = 1e-6
+"""Means of float32 numbers of about 1, summed in another order, rounded to float32: an ulp; a few more for normals, as
+random ones nearly cancel."""
+
+SUPERSAMPLED = WEIGHT_RELATIVE
+"""Means over the samples of a pixel err no more than the worst of them."""
+
+SUPERSAMPLED_COLOR = 1e-4
+"""Phong's power multiplies the error of a normal (RESOLVED) by the shininess, 32."""
+
+SUPERSAMPLED_MASKED = 0.04
+"""MASKED_OTHERWISE for each of the 2 x 2 samples."""

@@ -73,6 +73,8 @@ def render(
     if (margin or envelope) and all(path.suffix.lower() != ".exr" for path in outputs):
         raise SettingsError("--margin and --envelope are for .exr: give -o FILE.exr")
     view, settings = view or View(), settings or RenderSettings()
+    if settings.supersampling > 1 and (check or margin or envelope):
+        raise SettingsError("--check, --margin and --envelope are of single samples: leave out --supersampling")
     camera = view.file_camera()
     renderer = splatcl.Renderer(device=device, tile_size=tile_size, allow_inexact=allow_inexact)
 

@@ -56,6 +56,7 @@ from splatcl.oracle.rays import (
     _s_center,
 )
 from splatcl.oracle.shade import _phong, _to_light, shade
+from splatcl.oracle.supersampling import averaged, enlarged
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
@@ -95,7 +96,9 @@ __all__ = [
     "_weight",
     "attributes",
     "auto_epsilon",
+    "averaged",
     "bin",
+    "enlarged",
     "passes",
     "project",
     "render",
@@ -148,6 +151,7 @@ def _gloss(named: Mapping[str, Array], settings: RenderSettings, shape: int | tu
 
 def render(splats: Splats, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
     """Run all passes; return the image and its AOVs, each (H, W) or (H, W, channels)."""
-    aovs = passes(splats, camera, settings, auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon)
+    n, epsilon = settings.supersampling, auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon
+    aovs = passes(splats, camera if n == 1 else enlarged(camera, n), settings, epsilon)
     aovs["margin"] = np.minimum(aovs["margin"], aovs.pop("id_margin"))
-    return aovs
+    return aovs if n == 1 else averaged(aovs, n)

@@ -1,0 +1,53 @@
+"""Supersampling: the image with n x n as many pixels, and what each n x n of them come to."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from splatcl.camera import Camera
+from splatcl.oracle.rays import NO_SPLAT, Array, _normalize
+
+
+def enlarged(camera: Camera, n: int) -> Camera:
+    """Return the camera of the same view with n x n as many pixels."""
+    pixels = {name: n * getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    return replace(camera, **pixels)
+
+
+def averaged(aovs: Mapping[str, Array], n: int) -> dict[str, Array]:
+    """Return the AOVs of pixels that have n x n samples each; a margin is the least of its samples'."""
+    samples = {name: _samples(image, n) for name, image in aovs.items()}
+    covered = samples["weight"] > 0
+    nearest = samples["Z"].min(axis=2)
+    front = samples["Z"] == nearest[:, :, None]
+    pixels = {
+        "Z": nearest,
+        "particleid": np.where(front, samples["particleid"], NO_SPLAT).min(axis=2),
+        "color": samples["color"].mean(axis=2),
+        "weight": samples["weight"].mean(axis=2),
+        "count": samples["count"].sum(axis=2, dtype=np.uint32),
+        "P": _mean(samples["P"], covered),
+        "N": _normalize(_mean(samples["N"], covered)),
+        "albedo": _mean(samples["albedo"], covered),
+    }
+    for name in ("depth.mean", "depth.distance"):
+        there = np.isfinite(samples[name])
+        pixels[name] = np.where(there.any(axis=2), _mean(samples[name], there), np.inf)
+    return pixels | {name: samples[name].min(axis=2) for name in samples if name.endswith("margin")}
+
+
+def _samples(image: Array, n: int) -> Array:
+    """(n H, n W, ...) -> (H, W, n n, ...)."""
+    height, width, *rest = image.shape
+    blocks = image.reshape(height // n, n, width // n, n, *rest).swapaxes(1, 2)
+    return blocks.reshape(height // n, width // n, n * n, *rest)
+
+
+def _mean(samples: Array, there: Array) -> Array:
+    """Mean over the samples that are `there`, 0 where none is: (H, W, S, ...), (H, W, S) -> (H, W, ...)."""
+    while there.ndim < samples.ndim:
+        there = there[..., None]
+    return np.where(there, samples, 0).sum(axis=2) / np.maximum(there.sum(axis=2), 1)
