@@ -41,7 +41,7 @@ def test_flip_is_0_for_equal_images_and_more_for_others():
     if metrics.flip(GREY, GREY) is None:
         pytest.skip(metrics.NO_FLIP)
     assert metrics.flip(GREY, GREY) == 0
-    assert 0.1 < metrics.flip(0 * GREY, GREY) < 1
+    assert 0.1 < metrics.flip(0 * GREY, GREY) <= 1
 
 
 def test_numbers_of_images():
@@ -67,7 +67,7 @@ def test_the_checkerboards_truth_is_the_square_where_its_centre_is():
     raster, _ = camera.project(np.stack([x, 0 * x, z], axis=1))
     column, row = np.floor(raster).astype(int).T
     np.testing.assert_allclose(truth[row, column], scenes.checker_color(x, z))
-    assert set(scenes.checker_color(x, z)[:, 0].round(3)) == {scenes.LIGHT[0], scenes.DARK[0]}
+    assert len(np.unique(truth[row, column], axis=0)) == 2
 
 
 def test_pixels_toward_the_horizon_are_longer_than_squares():
@@ -108,6 +108,18 @@ def test_kernels_have_the_areas_of_closed_form(run):
 
 
 def test_only_affine_outlines_leave_holes(run):
+    floor, camera = scenes.touching_floor(), scenes.low_camera(64, 48)
+    share = {
+        name: perspective.hole_share(
+            run.render(floor, camera, **perspective.BARE, **perspective.OUTLINES[name]).color, scenes.on_floor(camera)
+        )
+        for name in ("affine", "conic")
+    }
+    assert share["affine"] > 1 and share["conic"] == 0
+
+
+@pytest.mark.slow
+def test_outlines_at_extreme_perspective(run):
     result = perspective.holes(run)
     share = {figure.of: figure.value for figure in result.figures if figure.measure == "uncovered floor"}
     assert share["affine"] > 1 and share["conic"] == share["ray cast"] == 0
@@ -122,6 +134,7 @@ def test_the_screen_space_filter_removes_aliasing(run):
     assert result.figures[0].value < 2 < 20 < result.figures[1].value
 
 
+@pytest.mark.slow
 def test_sharp_features_need_their_clip_lines(run):
     result = sharp.sharp_features(run)
     assert [claim.holds for claim in result.claims] == [True, True]
