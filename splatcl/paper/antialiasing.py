@@ -18,6 +18,12 @@ RAYS = 16
 """Along a pixel's side, of the truth; the supersampled truth has as many samples."""
 SHEET = {"shader": "albedo", "epsilon": 1e3}
 """There is one surface only, so that no fragment is behind another one."""
+MEANING = (
+    "Aliasing is the root mean square of what is not grey, percent of white, where a pixel is longer than two squares. "
+    f"The truth is the mean of {RAYS}x{RAYS} rays a pixel through the squares themselves; {RAYS}x{RAYS} stands for as "
+    "many samples of the splats, without a filter."
+)
+LOW_PASS = "EWA's low-pass has a deviation of 1 pixel; that of EWA/2 is half as wide, the min filter's Gaussian."
 NARROW = {"method": "zwicker04", "prefilter_radius": 0.5}
 """EWA whose low-pass is the Gaussian of the min filter: its standard deviation is 1 pixel / cutoff."""
 FILTERS: dict[str, dict[str, Any]] = {
@@ -62,7 +68,7 @@ def checkerboards(run: Run) -> Result:
         figures += [Figure(name, key, value, unit) for key, (value, unit) in one.items() if value is not None]
     quality, error = ({name: one[key][0] for name, one in measured.items()} for key in ("PSNR", "aliasing"))
     figures.append(Figure("truth", "aliasing", aliasing(exact, camera), "%"))
-    notes = () if measured["none"]["FLIP"][0] is not None else (metrics.NO_FLIP,)
+    notes = (MEANING, LOW_PASS) if measured["none"]["FLIP"][0] is not None else (MEANING, LOW_PASS, metrics.NO_FLIP)
     title = "[BHZK05] Figure 3: a checkerboard at a grazing angle"
     return Result("checkerboards", title, tuple(figures), _claims(quality, error), {"truth": exact} | images, notes)
 
@@ -112,4 +118,4 @@ def screen_filter(run: Run) -> Result:
         ),
     )
     figures = tuple(Figure(name, "aliasing", value, "%") for name, value in error.items())
-    return Result("screen_filter", "[ZRB04] Figure 6: the screen-space filter", figures, claims, images)
+    return Result("screen_filter", "[ZRB04] Figure 6: the screen-space filter", figures, claims, images, (MEANING,))

@@ -34,6 +34,10 @@ FRAMES, MAX_SECONDS = 7, 20.0
 INNER = 0.3
 """Cosine between normal and view from which the sphere is compared: the silhouette of discs is another matter."""
 MATERIAL = Material(ambient=0.1, diffuse=0.8, specular=0.5, shininess=24)
+MEANING = (
+    f"Holes: of the near floor of `holes`, no pre-filter. Errors: means over a unit sphere of {COARSE} splats, against "
+    "the sphere itself. PSNR and aliasing: of `checkerboards`. Speed: all passes of a sphere, the methods in turn."
+)
 NAMES: dict[Method, str] = {
     "botsch05": "[BHZK05]",
     "zwicker04": "[ZRB04]",
@@ -62,7 +66,7 @@ def comparison(run: Run) -> Result:
         row = f"{method} {NAMES[method]}"
         figures += [Figure(row, name, value, unit) for name, (value, unit) in one.items()]
     title = "The methods beside each other"
-    return Result("comparison", title, tuple(figures), _claims(measured))
+    return Result("comparison", title, tuple(figures), _claims(measured), notes=(MEANING,))
 
 
 def _claims(measured: dict[Method, Any]) -> tuple[Claim, ...]:

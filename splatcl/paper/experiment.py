@@ -29,7 +29,7 @@ class Figure(NamedTuple):
     def __str__(self) -> str:
         whole = float(self.value).is_integer() or abs(self.value) >= 1e4
         digits = f"{self.value:,.0f}" if whole and abs(self.value) < 1e15 else f"{self.value:.3g}"
-        return digits + (self.unit if self.unit == "%" else f" {self.unit}" if self.unit else "")
+        return digits + (self.unit if self.unit[:1] in "%/" else f" {self.unit}")
 
 
 class Claim(NamedTuple):
@@ -55,7 +55,7 @@ class Result:
     images : mapping of str to Frame or (H, W), (H, W, 3) or (H, W, 4) float array
         Arrays are linear and become PNG; a Frame becomes PNG and OpenEXR, with every AOV.
     notes : tuple of str
-        One sentence for each thing that could not be measured.
+        Sentences: what names mean, and what could not be measured.
     """
 
     name: str

@@ -22,6 +22,7 @@ REACH = 0.45
 """Half of the larger kernel's width, of the image's side."""
 CUTOFF = 2.0
 LEVELS = (0.25, 0.5, 0.75, 1.0)
+MEANING = "Both low-passes are the same Gaussian; contours are at r = 0.25, 0.5, 0.75 and 1."
 MIN_COLOR, EWA_COLOR = (0.9, 0.35, 0.0), (0.0, 0.2, 0.8)
 DISTANCE = 1e3
 """Of the splat: all rays are nearly parallel."""
@@ -51,7 +52,7 @@ def kernels(run: Run) -> Result:
         ),
     )
     title = "[BHZK05] Figure 4: contours of the combined kernels, min (orange) and EWA (blue)"
-    return Result("kernels", title, tuple(figures), claims, images)
+    return Result("kernels", title, tuple(figures), claims, images, (MEANING,))
 
 
 def kernel(run: Run, size: int, ratio: float, prefilter: Literal["min", "ewa"]) -> Array:

@@ -18,7 +18,7 @@ from splatcl.io.png import to_srgb8
 Array = NDArray[Any]
 PEAK = 1.0
 """The value of white."""
-NO_FLIP = "FLIP was not measured: pip install 'splatcl[paper]'"
+NO_FLIP = "FLIP was not measured: pip install 'splatcl[paper]'."
 FLIP_SCRIPT = """
 import sys, numpy, flip_evaluator
 reference, image = numpy.load(sys.argv[1])

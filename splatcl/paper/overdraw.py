@@ -11,6 +11,7 @@ from splatcl.paper.scenes import scan
 SIZE = 512
 SIZES = (10_000, 30_571, 120_000, 480_000)
 """Splats; the second is the bundled scan as it is."""
+MEANING = "Fragments are those that are accumulated; saved are all but one of a pixel, with the pre-filter."
 FILTERS = {"without pre-filter": "none", "with it": "min"}
 
 
@@ -45,4 +46,4 @@ def overdraw(run: Run) -> Result:
         ),
     )
     title = "[BHZK05] Table 1: fragments per covered pixel"
-    return Result("overdraw", title, tuple(figures), claims, notes=notes)
+    return Result("overdraw", title, tuple(figures), claims, notes=(MEANING, *notes))

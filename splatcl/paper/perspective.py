@@ -20,6 +20,10 @@ OUTLINES: dict[str, dict[str, Any]] = {
     "conic": {"method": "zwicker04"},
     "ray cast": {"method": "botsch05"},
 }
+MEANING = (
+    "Wrong pixels of one tilted disc are given by its area. Conics through the eye plane are no ellipses, and are left "
+    "out."
+)
 BARE = {"prefilter": "none", "shader": "albedo"}
 
 
@@ -30,7 +34,7 @@ def holes(run: Run) -> Result:
     one, lens = tilted_disc(), Camera.look_at((0, 0, 0), (0, 0, -1), width=camera.width, height=camera.width, fov_y=100)
     exact = disc_truth(lens)
     low = low_camera(camera.width, camera.height, down=20)
-    figures, images, open_share, shape_error = [], {}, {}, {}
+    figures, images, discs, open_share, shape_error = [], {}, {}, {}, {}
     for name, given in OUTLINES.items():
         color = run.render(floor, camera, **BARE, **given).color
         open_share[name] = hole_share(color, inside)
@@ -41,7 +45,7 @@ def holes(run: Run) -> Result:
         through = hole_share(run.render(floor, low, **BARE, **given).color, on_floor(low))
         figures.append(Figure(name, "with discs through the eye plane", through, "%"))
         figures.append(Figure(name, "wrong of one disc", shape_error[name], "%"))
-        images[f"disc, {name}"] = np.stack([exact, disc, disc], axis=-1).astype(float)
+        discs[f"disc, {name}"] = np.stack([exact, disc, disc], axis=-1).astype(float)
     claims = (
         Claim(
             "The affine approximation of the projection leaves holes between splats seen from nearby.",
@@ -61,7 +65,7 @@ def holes(run: Run) -> Result:
         ),
     )
     title = "[ZRB04] Figures 2, 3, 7: outlines of splats at extreme perspective (discs: red missing, cyan too much)"
-    return Result("holes", title, tuple(figures), claims, images)
+    return Result("holes", title, tuple(figures), claims, images | discs, (MEANING,))
 
 
 def hole_share(color: NDArray[Any], inside: NDArray[Any]) -> float:

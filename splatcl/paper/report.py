@@ -28,7 +28,8 @@ INTRODUCTION = """\
 `splatcl paper --docs docs` wrote this page; `splatcl paper` writes every image at full size, `--quick` small ones, and
 `splatcl paper NAME` reruns one experiment. What a paper says is put in our words. A claim holds if the numbers beside
 it meet the bound that is written in the experiment ([splatcl/paper/](../splatcl/paper)). Speeds are those of the
-machine and its load at the time; [bench.md](bench.md) tells how to measure them well.
+machine and its load at the time; [bench.md](bench.md) tells how to measure them well. The papers are those of
+[specification.md](specification.md).
 """
 
 
@@ -86,7 +87,7 @@ def write_docs(folder: Path, results: Sequence[Result]) -> None:
         if result.images:
             file = f"paper_{result.name}.png"
             write_png(folder / file, strip([picture(image) for image in result.images.values()]))
-            pictures = [f"![{', '.join(result.images)}]({file})\n\n{', '.join(result.images)}."]
+            pictures = [f"![{result.name}]({file})\n\nFrom the left, row by row: {'; '.join(result.images)}."]
         sections.append((result, pictures))
     write_text(folder / "paper.md", INTRODUCTION + "\n" + page(sections))
 
@@ -100,9 +101,8 @@ def page(sections: Sequence[tuple[Result, list[str]]]) -> str:
     ]
     lines = [*markdown_table(["experiment", "the paper says", "here", ""], claims), ""]
     for result, pictures in sections:
-        lines += [f"## {result.name}", "", f"{result.title}.", ""]
+        lines += [f"## {result.name}", "", " ".join([f"{result.title}.", *result.notes]), ""]
         lines += [*markdown_table(*table(result)), ""]
-        lines += [f"{note}\n" for note in result.notes]
         lines += [f"{shown}\n" for shown in pictures]
     return "\n".join(lines)
 
@@ -124,10 +124,10 @@ def picture(image: Frame | NDArray[Any]) -> NDArray[Any]:
 
 
 def strip(pictures: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Return (H, W, 4) pictures in rows of `PER_ROW`, each in a cell as large as the largest, on white."""
+    """Return (H, W, 4) pictures in rows of `PER_ROW` at most, each in a cell as large as the largest, on white."""
     height, width = np.max([one.shape[:2] for one in pictures], axis=0) + GAP
-    columns = min(PER_ROW, len(pictures))
-    rows = -(-len(pictures) // columns)
+    rows = -(-len(pictures) // PER_ROW)
+    columns = -(-len(pictures) // rows)
     sheet = np.ones((rows * height - GAP, columns * width - GAP, 4))
     for place, one in enumerate(pictures):
         top, left = height * (place // columns), width * (place % columns)

@@ -21,7 +21,7 @@ CHECK, SPACING, COVER = 0.4, 0.1, 0.8
 """Side of a square and distance of splats, scene units; radius of a splat in units of that distance."""
 TOUCH = np.sqrt(0.5) * 1.001
 """Radius of discs in units of their distance with which a square grid of them just leaves no gap."""
-NO_SCAN = "the bundled scan is in a checkout only: a sphere of as many splats stands for it"
+NO_SCAN = "The bundled scan is in a checkout only: a sphere of as many splats stands for it."
 
 
 def scan() -> tuple[Splats, tuple[str, ...]]:

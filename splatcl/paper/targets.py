@@ -18,6 +18,7 @@ STEP = 1 / 255
 """A level of an 8-bit display."""
 TARGETS = {"unorm8": 1.0, "float16": 65504.0, "float32": float(np.finfo(np.float32).max)}
 """Formats of the sums, and the largest number of each."""
+MEANING = "Errors are those of colours and normals after the sums are divided, against float32."
 VISIBLE = 40.0
 """PSNR, dB, above which two pictures look the same."""
 
@@ -60,7 +61,7 @@ def targets(run: Run) -> Result:
         ),
     )
     title = "[BHZK05] Figure 2: targets of 8, 16 and 32 bits"
-    return Result("targets", title, tuple(figures), claims, dict(frames), notes)
+    return Result("targets", title, tuple(figures), claims, dict(frames), (MEANING, *notes))
 
 
 def half_inputs(run: Run) -> Result:
