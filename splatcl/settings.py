@@ -100,7 +100,7 @@ class RenderSettings:
     half_inputs : bool
         Centres and normals are rounded to 16 bits before anything else ([BHZK05] section 6).
     supersampling : int
-        n: render n x n as many pixels and average them.
+        n: render n x n as many pixels and average them (docs/supersampling.md).
 
     Raises
     ------

@@ -7,14 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from agreement import scene
+from cli_stub import run, stub
 from scenes import CAMERAS, EPSILON
 from tolerances import MARGIN_UNITS, SUPERSAMPLED, SUPERSAMPLED_COLOR, SUPERSAMPLED_MASKED, SUPERSAMPLED_ROUNDING
 
-from splatcl import Camera, Frame, RenderSettings, SplatclError, Splats, oracle
+from splatcl import Camera, Frame, Material, RenderSettings, SplatclError, Splats, oracle
 from splatcl.camera import MAX_SIZE
 from splatcl.io.png import to_srgb8
 from splatcl.render import _draw
 from splatcl.supersampling import MIN_SAMPLES, blocks, box_filtered, supersampled
+
+__all__ = ["stub"]  # a fixture
 
 NONE = 0xFFFFFFFF
 SETTINGS = RenderSettings(epsilon=EPSILON)
@@ -77,6 +80,34 @@ def test_windows_have_the_bits_of_one_large_image(
     assert_same_bits(got, box_filtered(large, n))
 
 
+def rich():
+    """Discs with clip lines, fields of normals and attributes."""
+    plain, rng = scene("random_ellipses"), np.random.default_rng(5)
+    return Splats(
+        plain.center,
+        plain.tangent_u,
+        plain.tangent_v,
+        color=plain.color,
+        normal_du=rng.normal(size=(len(plain), 3)) * 0.1,
+        normal_dv=rng.normal(size=(len(plain), 3)) * 0.1,
+        clip=rng.normal(size=(len(plain), 2, 3)) + np.array([0, 0, 1]),
+        attributes={"heat": rng.random(len(plain)), "shininess": rng.uniform(4, 40, len(plain))},
+    )
+
+
+@pytest.mark.parametrize("method", ["zwicker04", "botsch04"])
+def test_windows_of_other_methods(renderer, method):
+    """Mutation: `column` and `row` of weighted.h not in the window."""
+    settings, camera = RenderSettings(method=method, epsilon=EPSILON), small("off_center")
+    splats = rich() if method == "botsch04" else scene("random_ellipses")
+    large = renderer.render(splats, enlarged(camera, 2), settings)
+    render, drawn = windows(renderer, splats, settings)
+    got = supersampled(camera, 2, render, samples=300)
+    assert len(drawn) > 5 and (large["count"] > 0).any()
+    assert ("attribute.heat" in got, "albedo" in got) == (method == "botsch04", method == "zwicker04")
+    assert_same_bits(got, box_filtered(large, 2))
+
+
 @pytest.mark.parametrize("camera_name", ["off_center", "orthographic"])
 def test_a_render_is_the_large_image_filtered(renderer, camera_name):
     splats, camera = scene("sphere"), CAMERAS[camera_name]
@@ -137,6 +168,7 @@ def samples_of(rng, height, width, n):
         "P": rng.normal(size=(*shape, 3)) * covered[..., None],
         "N": normal / np.linalg.norm(normal, axis=-1, keepdims=True) * covered[..., None],
         "albedo": rng.random((*shape, 3)) * covered[..., None],
+        "attribute.heat": rng.random(shape) * covered,
         "weight": rng.uniform(0.1, 9, shape) * covered,
         "count": rng.integers(1, 9, shape) * (covered | hit),
         "particleid": np.where(hit, rng.integers(0, 5, shape), NONE),
@@ -201,7 +233,7 @@ def half_covered(renderer):
     """A frame of 4x1 pixels whose left half a white wall covers, cut in the middle of a pixel."""
     wall = Splats([[-8.0, 0, 4]], [[8.0625, 0, 0]], [[0, -900.0, 0]], color=[[1.0, 1, 1]])
     camera = Camera(np.eye(4), 16, 16, 1.75, 0.5, 4, 1)
-    return renderer.render(wall, camera, RenderSettings(prefilter="none", shader="albedo", supersampling=4))
+    return renderer.render(wall, camera, RenderSettings(material=Material(1, 0, 0), supersampling=4))
 
 
 def test_alpha_is_coverage_and_color_is_associated(renderer):
@@ -231,3 +263,12 @@ def test_what_is_of_samples_is_refused(renderer):
     for ask in (frame.add_margin, frame.add_envelope, frame.check, lambda: frame.probe(0, 0), lambda: frame["margin"]):
         with pytest.raises(SplatclError, match=r"means of 16 samples each; render with supersampling=1"):
             ask()
+
+
+@pytest.mark.parametrize("option", ["--check", "--margin", "--envelope"])
+def test_the_command_line_refuses_before_it_renders(stub, capsys, option):
+    status, _, err = run(capsys, f"render s.ply -o o.exr --supersampling 3 {option}")
+    assert (status, stub.calls) == (2, []) and len(err) == 1
+    assert err[0].endswith("--check, --margin and --envelope are of single samples: leave out --supersampling")
+    status, _, err = run(capsys, "render s.ply -o o.exr --supersampling 3")
+    assert (status, err, stub.calls[0][2].supersampling) == (0, [], 3)

@@ -246,3 +246,21 @@ SUPERSAMPLED_COLOR = 1e-4
 
 SUPERSAMPLED_MASKED = 0.04
 """MASKED_OTHERWISE for each of the 2 x 2 samples."""
+
+# ---- methods other than [BHZK05]'s (tests/test_methods.py)
+
+MASKED_METHODS = 0.02
+"""Largest share of covered pixels left out: ellipses decide twice, whether they cover and whether the disc does (seen:
+1.7 % with the eye among the discs, below 0.5 % otherwise)."""
+
+SINGLE_METHODS = 2e-6
+"""Depth, relative, as DEPTH_RELATIVE."""
+
+COLOR_LIT = 3e-5
+"""Phong's power multiplies a normal's error by the shininess (seen: 2.3e-6)."""
+
+DOUBLE_METHODS = 1e-12
+"""All of these in float64 (seen: 5e-14)."""
+
+TARGET_STEPS = {"float16": 2.0**-8, "unorm8": 2.5 / 255}
+"""A weight on the border of two steps may fall to either: a step or two of a sum of a few."""

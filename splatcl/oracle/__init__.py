@@ -33,6 +33,7 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect, _out_of_range
+from splatcl.oracle.ellipses import _Ellipses, _ellipses, _footprint, _within
 from splatcl.oracle.project import ProjectedSplats, _disc_bounds, _prefilter_point, bin, project
 from splatcl.oracle.raster import DepthBuffer, GBuffer, _depth_margin, _prefilter, _weight, attributes, visibility
 from splatcl.oracle.rays import (
@@ -74,12 +75,15 @@ __all__ = [
     "GBuffer",
     "ProjectedSplats",
     "_Discs",
+    "_Ellipses",
     "_Hits",
     "_chunks",
     "_cosine",
     "_depth_margin",
     "_disc_bounds",
     "_discs",
+    "_ellipses",
+    "_footprint",
     "_image",
     "_intersect",
     "_normalize",
@@ -94,6 +98,7 @@ __all__ = [
     "_s_center",
     "_to_light",
     "_weight",
+    "_within",
     "attributes",
     "auto_epsilon",
     "averaged",

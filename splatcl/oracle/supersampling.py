@@ -20,23 +20,25 @@ def enlarged(camera: Camera, n: int) -> Camera:
 def averaged(aovs: Mapping[str, Array], n: int) -> dict[str, Array]:
     """Return the AOVs of pixels that have n x n samples each; a margin is the least of its samples'."""
     samples = {name: _samples(image, n) for name, image in aovs.items()}
-    covered = samples["weight"] > 0
-    nearest = samples["Z"].min(axis=2)
-    front = samples["Z"] == nearest[:, :, None]
-    pixels = {
-        "Z": nearest,
-        "particleid": np.where(front, samples["particleid"], NO_SPLAT).min(axis=2),
-        "color": samples["color"].mean(axis=2),
-        "weight": samples["weight"].mean(axis=2),
-        "count": samples["count"].sum(axis=2, dtype=np.uint32),
-        "P": _mean(samples["P"], covered),
-        "N": _normalize(_mean(samples["N"], covered)),
-        "albedo": _mean(samples["albedo"], covered),
-    }
-    for name in ("depth.mean", "depth.distance"):
-        there = np.isfinite(samples[name])
-        pixels[name] = np.where(there.any(axis=2), _mean(samples[name], there), np.inf)
-    return pixels | {name: samples[name].min(axis=2) for name in samples if name.endswith("margin")}
+    return {name: _average(name, samples) for name in samples}
+
+
+def _average(name: str, samples: Mapping[str, Array]) -> Array:
+    """(H, W, n n, ...) -> (H, W, ...)."""
+    values, nearest = samples[name], samples["Z"].min(axis=2)
+    if name == "Z" or name.endswith("margin"):
+        return values.min(axis=2)
+    if name == "particleid":
+        return np.where(samples["Z"] == nearest[:, :, None], values, NO_SPLAT).min(axis=2)
+    if name == "count":
+        return values.sum(axis=2, dtype=np.uint32)
+    if name in ("color", "weight"):
+        return values.mean(axis=2)
+    if name in ("depth.mean", "depth.distance"):
+        there = np.isfinite(values)
+        return np.where(there.any(axis=2), _mean(values, there), np.inf)
+    mean = _mean(values, samples["weight"] > 0)
+    return _normalize(mean) if name == "N" else mean
 
 
 def _samples(image: Array, n: int) -> Array:
