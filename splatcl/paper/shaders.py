@@ -14,7 +14,7 @@ from splatcl.paper.scenes import scan
 from splatcl.splats import Splats
 
 SIZE = 224
-TOWARD_LIGHT = (0.6, 1.2, 0.7)
+TOWARD_LIGHT = (1.0, 0.9, 0.4)
 SHADERS: dict[str, dict[str, Any]] = {
     "Phong": {"lights": (Light("directional", TOWARD_LIGHT),)},
     "shadows": {"lights": (Light("directional", TOWARD_LIGHT, shadow="pcf"),)},
