@@ -2,6 +2,8 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV ?= .venv
 BIN := $(VENV)/bin
+# A process for each core; a file's tests stay in one process, which keeps the kernels that it has built.
+PARALLEL ?= --numprocesses auto --dist loadfile
 
 .PHONY: demo test test-all lint format reference-images golden runtimes contact-sheet \
 	bench-check bench-check-update clean
@@ -13,10 +15,10 @@ demo: $(VENV)/installed
 	@echo "Open out/demo.png; out/demo.exr holds every buffer."
 
 test: $(VENV)/installed-test
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest -m "not slow" $(PARALLEL)
 
-test-all: $(VENV)/installed-test
-	$(BIN)/python -m pytest
+test-all: test
+	$(BIN)/python -m pytest -m slow
 
 lint: $(VENV)/installed-test
 	$(BIN)/ruff check .

@@ -94,12 +94,16 @@ static inline void accumulate(real8 *sums, const real8 *attributes, real weight,
 static inline real8 as_values(real8 s)
 {
 #if TARGET == UNORM8
-  const real z = s.SUM_Z;
-  s = s * divide_real(R(1.0), UNITS);
-  s.SUM_Z = z;
 #if !CHANNELS
   s.s345 = s.s345 * R(2.0) - s.SUM_WEIGHT;
 #endif
+  s.s0 = divide_real(s.s0, UNITS);
+  s.s1 = divide_real(s.s1, UNITS);
+  s.s2 = divide_real(s.s2, UNITS);
+  s.s3 = divide_real(s.s3, UNITS);
+  s.s4 = divide_real(s.s4, UNITS);
+  s.s5 = divide_real(s.s5, UNITS);
+  s.SUM_WEIGHT = divide_real(s.SUM_WEIGHT, UNITS);
 #endif
 #if CHANNELS
   const real weight = s.SUM_WEIGHT;

@@ -1,53 +1,36 @@
-// Shading pass: once per pixel, from the resolved G-buffer. SHADER names the header with shade_surface().
-// A work-item takes LANES pixels of a row.
+// Shading pass: once per pixel, from the resolved G-buffer. SHADER names the header with shade_surface(), or, where it
+// defines TAKES_PIXELS, shade_pixels(), which may look at neighbours and the view. A work-item takes LANES pixels of a row.
 
 #include "arithmetic.h"
 #include "lanes.h"
 #include "surface.h"
+#include "gbuffer.h"
 #include SHADER
 
-#define GBUFFER                                                                                              \
-  global const real *depth, global const real *weight_sum, global const real *color_sum,                     \
-      global const real *normal_sum, global const real *depth_sum
+#ifdef TAKES_PIXELS
+#define SHADED shade_pixels(&s, shading, lights, &at, npr, tones)
+#else
+#define SHADED shade_surface(&s, shading, lights)
+#endif
 
-#define PLANE(lane, values) values[p[lane]]
-#define X(lane, values) values[3 * p[lane]]
-#define Y(lane, values) values[3 * p[lane] + 1]
-#define Z(lane, values) values[3 * p[lane] + 2]
-#define TRIPLE(values) {(reals)EACH_LANE(X, values), (reals)EACH_LANE(Y, values), (reals)EACH_LANE(Z, values)}
-
-// `p`: where the pixels are; those beyond the row's end are its last again.
-static inline Surface surface_at(constant View *view, int x, int y, const long *p, GBUFFER)
-{
-  const reals3 colors = TRIPLE(color_sum), normals = TRIPLE(normal_sum);
-  reals columns;
-  for (int lane = 0; lane < LANES; ++lane) ((real *)&columns)[lane] = (real)(x + lane);
-  return resolve_surface(view, columns, (reals)(real)y, (reals)EACH_LANE(PLANE, depth),
-                         (reals)EACH_LANE(PLANE, weight_sum), colors, normals, (reals)EACH_LANE(PLANE, depth_sum));
-}
-
-#define PIXELS                                                          \
-  const int x = get_global_id(0) * LANES, y = get_global_id(1);         \
-  const int num = least(LANES, view->width - x);                        \
-  long p[LANES];                                                        \
-  for (int lane = 0; lane < LANES; ++lane) p[lane] = (long)y * view->width + x + least(lane, num - 1)
-
-static inline void store3(global real *out, long p, reals3 v, int lane)
-{
-  out[3 * p] = LANE_OF(v.x, lane);
-  out[3 * p + 1] = LANE_OF(v.y, lane);
-  out[3 * p + 2] = LANE_OF(v.z, lane);
-}
+#define PIXELS                                                                              \
+  const Pixels at = {AS_GBUFFER, view, (int)get_global_id(0) * LANES, get_global_id(1)};    \
+  const int num = least(LANES, view->width - at.x);                                         \
+  const long first = (long)at.y * view->width + at.x;                                       \
+  Surface s = surface_at(&at)
 
 // GLOSS: bit 0 and 1 say that the first or second of the three channels of `gloss` stands for the material's specular
 // coefficient or shininess.
-kernel void shade(constant View *view, constant Shading *shading, constant PhongLight *lights, GBUFFER,
-                  global const real *gloss, global real *color)
+kernel void shade(constant View *view, constant Shading *shading, constant PhongLight *lights, constant Npr *npr,
+                  constant real *tones, GBUFFER, global const real *gloss, global real *color)
 {
   PIXELS;
-  Surface s = surface_at(view, x, y, p, depth, weight_sum, color_sum, normal_sum, depth_sum);
   s.specular = (reals)shading->specular;
   s.shininess = (reals)shading->shininess;
+#if GLOSS
+  long p[LANES];
+  places(&at, 0, 0, p);
+#endif
 #if GLOSS & 1
   s.specular = (reals)EACH_LANE(X, gloss);
 #endif
@@ -55,25 +38,35 @@ kernel void shade(constant View *view, constant Shading *shading, constant Phong
   s.shininess = (reals)EACH_LANE(Y, gloss);
 #endif
   const reals3 zero = {R(0.0), R(0.0), R(0.0)};
-  const reals3 rgb = ANY(s.covered) ? select3(zero, shade_surface(&s, shading, lights), s.covered) : zero;
+  const reals3 rgb = ANY(s.covered) ? select3(zero, SHADED, s.covered) : zero;
   for (int lane = 0; lane < num; ++lane) {
-    color[4 * p[lane]] = LANE_OF(rgb.x, lane);
-    color[4 * p[lane] + 1] = LANE_OF(rgb.y, lane);
-    color[4 * p[lane] + 2] = LANE_OF(rgb.z, lane);
-    color[4 * p[lane] + 3] = WHOLE_OF(s.covered, lane) ? R(1.0) : R(0.0);
+    const long p = first + lane;
+    color[4 * p] = LANE_OF(rgb.x, lane);
+    color[4 * p + 1] = LANE_OF(rgb.y, lane);
+    color[4 * p + 2] = LANE_OF(rgb.z, lane);
+    color[4 * p + 3] = WHOLE_OF(s.covered, lane) ? R(1.0) : R(0.0);
   }
+}
+
+#if !RESOLVED
+static inline void store3(global real *out, long p, reals3 v, int lane)
+{
+  out[3 * p] = LANE_OF(v.x, lane);
+  out[3 * p + 1] = LANE_OF(v.y, lane);
+  out[3 * p + 2] = LANE_OF(v.z, lane);
 }
 
 kernel void resolve(constant View *view, GBUFFER, global real *position, global real *normal, global real *albedo,
                     global real *mean_depth, global real *distance)
 {
   PIXELS;
-  const Surface s = surface_at(view, x, y, p, depth, weight_sum, color_sum, normal_sum, depth_sum);
   for (int lane = 0; lane < num; ++lane) {
-    store3(position, p[lane], s.position, lane);
-    store3(normal, p[lane], s.normal, lane);
-    store3(albedo, p[lane], s.albedo, lane);
-    mean_depth[p[lane]] = LANE_OF(s.mean_depth, lane);
-    distance[p[lane]] = LANE_OF(s.distance, lane);
+    const long p = first + lane;
+    store3(position, p, s.position, lane);
+    store3(normal, p, s.normal, lane);
+    store3(albedo, p, s.albedo, lane);
+    mean_depth[p] = LANE_OF(s.mean_depth, lane);
+    distance[p] = LANE_OF(s.distance, lane);
   }
 }
+#endif

@@ -22,6 +22,18 @@ static inline reals3 select3(reals3 no, reals3 yes, masks mask)
   return (reals3){SELECT(no.x, yes.x, mask), SELECT(no.y, yes.y, mask), SELECT(no.z, yes.z, mask)};
 }
 
+// Unit, from the points of rays d.
+static inline reals3 toward_eye(reals3 d, masks covered)
+{
+  reals3 to_eye;
+  to_eye.x = to_eye.y = R(0.0);  // one by one: rusticl copies such a constant wrongly
+  to_eye.z = R(-1.0);
+#if !ORTHOGRAPHIC
+  to_eye = select3(to_eye, normalize3(scale3(d, R(-1.0))), covered);
+#endif
+  return to_eye;
+}
+
 static inline Surface resolve_surface(constant View *view, reals x, reals y, reals depth, reals weight_sum,
                                       reals3 color_sum, reals3 normal_sum, reals depth_sum)
 {
@@ -33,11 +45,7 @@ static inline Surface resolve_surface(constant View *view, reals x, reals y, rea
   const reals z = SELECT(s.mean_depth, depth, MASK(depth < (real)INFINITY));  // else only the pre-filter landed
   s.distance = ORTHOGRAPHIC ? z : square_root(dot3(d, d)) * z;
   s.position = ORTHOGRAPHIC ? (reals3){d.x, d.y, z} : scale3(d, z);
-  s.to_eye.x = s.to_eye.y = R(0.0);  // one by one: rusticl copies such a constant wrongly
-  s.to_eye.z = R(-1.0);
-#if !ORTHOGRAPHIC
-  s.to_eye = select3(s.to_eye, normalize3(scale3(d, R(-1.0))), s.covered);
-#endif
+  s.to_eye = toward_eye(d, s.covered);
   const reals3 albedo = {divide(color_sum.x, weight_sum), divide(color_sum.y, weight_sum),
                          divide(color_sum.z, weight_sum)};
   s.position = select3(zero, s.position, s.covered);

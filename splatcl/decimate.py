@@ -23,6 +23,9 @@ from splatcl.splats import Splats
 ANGLE = 30.0
 """Degrees by which normals may differ from that of the splat that covers them."""
 
+NUM_CORNERS = 32
+"""Of the polygon about a disc that an ellipse is made to hold: at most half a percent larger than needed."""
+
 
 def decimate(splats: Splats, error: float, *, angle: float = ANGLE, fields: bool = False) -> Splats:
     """Cover splats with fewer, larger ones.
@@ -69,7 +72,8 @@ def _surface(splats: Splats, error: float, angle: float) -> Surface:
 
     center = splats.center.astype(np.float64)
     center -= center.mean(axis=0)
-    return Surface(center, splats.normal, splats.oriented, cKDTree(center), error, angle)
+    area = np.linalg.norm(np.cross(splats.tangent_u.astype(np.float64), splats.tangent_v.astype(np.float64)), axis=1)
+    return Surface(center, splats.normal, area, splats.oriented, cKDTree(center), error, angle)
 
 
 def _ellipses(splats: Splats, surface: Surface, patches: Patches) -> Splats:
@@ -82,7 +86,7 @@ def _ellipses(splats: Splats, surface: Surface, patches: Patches) -> Splats:
     x, y, height = np.einsum("pi,fpi->fp", offset, frame[:, rows])
     tangents = np.stack([splats.tangent_u, splats.tangent_v])[:, ids].astype(np.float64)
     axes = np.einsum("tpi,fpi->tfp", tangents, frame[:2, rows])  # each disc's, in the frame
-    area = np.linalg.norm(np.cross(*tangents), axis=1)
+    area = surface.area[ids]
     middle, half = _bounding_ellipses(rows, area, np.stack([x, y]), axes)
     level = 0.5 * (np.maximum.reduceat(height, first) + np.minimum.reduceat(height, first))
     center = splats.center[patches.seed] + np.einsum("fn,fni->ni", np.stack([*middle, level]), frame)
@@ -150,9 +154,12 @@ def _bounding_ellipses(
     # In units of the ellipse: its unit circle is to hold all discs.
     to_unit = np.array([[cos / long, sin / long], [-sin / short, cos / short]])[..., rows]
     px, py = np.einsum("fgp,gp->fp", to_unit, np.stack([x, y]))
-    (a, b), (c, d) = np.einsum("fgp,tgp->tfp", to_unit, axes)
-    squares = a * a + b * b + c * c + d * d
-    largest = np.sqrt(0.5 * (squares + np.sqrt(np.maximum(squares**2 - 4 * (a * d - b * c) ** 2, 0.0))))
+    (ux, uy), (vx, vy) = np.einsum("fgp,tgp->tfp", to_unit, axes) / math.cos(math.pi / NUM_CORNERS)
+    farthest = np.zeros(len(rows))
+    for angle in 2 * np.pi * np.arange(NUM_CORNERS) / NUM_CORNERS:
+        cos_angle, sin_angle = math.cos(angle), math.sin(angle)
+        corner = np.hypot(px + cos_angle * ux + sin_angle * vx, py + cos_angle * uy + sin_angle * vy)
+        np.maximum(farthest, corner, out=farthest)
     grow_by = np.zeros(len(total))
-    np.maximum.at(grow_by, rows, np.hypot(px, py) + largest)
+    np.maximum.at(grow_by, rows, farthest)
     return middle, np.array([[cos * long, sin * long], [-sin * short, cos * short]]) * grow_by

@@ -76,7 +76,7 @@ def normal_fields(splats: Splats, num_neighbors: int = NUM_NEIGHBORS) -> Splats:
     fields = np.empty((2, num, 3))
     with stage("Estimating normal fields", num) as advance:
         for start in range(0, num, CHUNK):
-            part = slice(start, min(start + CHUNK, num))
+            part: Any = slice(start, min(start + CHUNK, num))
             distance, ids = tree.query(center[part], count + 1, workers=-1)
             rows = np.repeat(np.arange(len(ids)), count)
             farthest = np.maximum(distance[:, -1:], np.finfo(float).tiny)
@@ -180,7 +180,7 @@ def fit_slopes(
     weight = np.asarray(weight)
 
     def total(values: Any) -> NDArray[np.float64]:
-        return np.bincount(rows, values, num)
+        return np.bincount(rows, values, num).astype(np.float64, copy=False)
 
     uu, uv, vv = total(weight * u * u), total(weight * u * v), total(weight * v * v)
     determinant = uu * vv - uv * uv
@@ -210,11 +210,11 @@ def _fit(
     return fit_slopes(rows, disc_coordinates(discs, rows, offset), slopes, weight, len(discs))
 
 
-def _balls(splats: Splats, tree: Any) -> Iterator[tuple[slice, NDArray[np.intp], NDArray[np.intp]]]:
+def _balls(splats: Splats, tree: Any) -> Iterator[tuple[Any, NDArray[np.intp], NDArray[np.intp]]]:
     """Yield parts of the splats with pairs: the row of a splat in its part, and a point within its radius."""
     center, radius = _local(splats, splats.center), splats.radius
     for start in range(0, len(splats), BALL_CHUNK):
-        part = slice(start, min(start + BALL_CHUNK, len(splats)))
+        part: Any = slice(start, min(start + BALL_CHUNK, len(splats)))
         # A disc's points may be off its plane.
         found = tree.query_ball_point(center[part], radius[part] * np.hypot(1.0, MAX_HEIGHT), workers=-1)
         counts = np.fromiter(map(len, found), np.intp, len(found))

@@ -35,7 +35,8 @@ class Frame:
     aovs : mapping of str to array
         May compute its values when they are first asked for.
     camera : Camera
-    settings : RenderSettings
+    settings : RenderSettings, optional
+        Those of the render; the defaults for AOVs from elsewhere.
     metadata : dict
         What else the output shall record (JSON's types or NumPy numbers): the epsilon used, the device ...
     """
@@ -44,12 +45,12 @@ class Frame:
         self,
         aovs: Mapping[str, NDArray[Any]],
         camera: Camera,
-        settings: RenderSettings,
+        settings: RenderSettings | None = None,
         metadata: dict[str, Any] | None = None,
     ) -> None:
         self._aovs = aovs
         self.camera = camera
-        self.settings = settings
+        self.settings = RenderSettings() if settings is None else settings
         self.metadata = dict(metadata or {})
         self.rendered_from: tuple[Renderer, Splats | Resident] | None = None
         self._added: dict[str, NDArray[Any]] = {}
@@ -95,7 +96,7 @@ class Frame:
 
     def keys(self) -> tuple[str, ...]:
         """Names of the AOVs."""
-        return (*self._aovs, *self._added)
+        return tuple(dict.fromkeys((*self._aovs, *self._added)))
 
     def save(self, path: str | os.PathLike[str], exposure: float = 0.0) -> None:
         """Write every AOV as OpenEXR (.exr) or the picture as 8-bit sRGB (.png).
@@ -126,6 +127,45 @@ class Frame:
             raise SplatclError(f"{path}: exposure is for .png; an .exr holds the linear values")
         else:
             write_exr(path, self)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Frame:
+        """Read a frame that splatcl wrote as .exr, to look at or to `shade` again; see `splatcl.read_frame`."""
+        from splatcl.io.frames import read_frame
+
+        return read_frame(path)
+
+    def shade(self, settings: RenderSettings | None = None, **changes: Any) -> Frame:
+        """Return this frame lit and shaded anew from its AOVs, without its splats (docs/shaders.md).
+
+        A frame of `render` gets the same bits as a fresh render with the same settings, also after it was saved as
+        .exr and loaded, but for double precision, which the file rounds.
+
+        Parameters
+        ----------
+        settings : RenderSettings, optional
+            Shader, lights, material and the like are taken from here; the frame's own by default. What is not of
+            shading must be as it was for this frame, or as the defaults are.
+        **changes
+            Fields of `settings` to change, such as ``shader="npr"``.
+
+        Raises
+        ------
+        SplatclError
+            The frame lacks P, N or albedo (eye space, (H, W, 3)), or its lighting is blended already.
+        SettingsError
+            The change needs a new render, or the shader does not compile.
+        """
+        from splatcl.relight import relight
+
+        return relight(self, settings, changes)
+
+    def with_color(self, color: NDArray[Any], settings: RenderSettings, metadata: dict[str, Any]) -> Frame:
+        """Return this frame with other colors, the settings they were made with, and `metadata` added."""
+        frame = Frame(self._aovs, self.camera, settings, self.metadata | metadata)
+        frame.rendered_from = self.rendered_from
+        frame._added = self._added | {"color": color}
+        return frame
 
     def probe(self, x: int, y: int) -> Probe:
         """Explain a pixel: every splat that touches it or nearly does, and what became of it.

@@ -67,6 +67,7 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
         + [(name, "u4") for name in ("id", "count", "state")],
         "PhongLight": _reals(real, "x", "y", "z", "is_point", "red", "green", "blue"),
         "Shading": [*_reals(real, "ambient", "diffuse", "specular", "shininess"), ("num_lights", "i4")],
+        "Npr": [*_reals(real, "contour", "silhouette", "red", "green", "blue"), ("num_tones", "i4")],
     }
 
 

@@ -20,6 +20,13 @@ LEVELS = (32, 128, 512, 2048)
 """Nearest splats that a patch may cover; more are looked at where the fewer did not stop it."""
 ENOUGH = 16
 """A splat in so many patches gets none of its own, so that the work does not grow with the patches' size."""
+LOPSIDED = 0.2
+"""A patch does not reach so far beyond the surface's boundary that its mean is off by more than this share of it: by
+half its radius, about. The mean of half a disc is off by 0.42."""
+MIN_FILL = 0.5
+"""A patch does not reach so far over a gap that its discs' areas are less than this share of its own."""
+FEW = 8
+"""So many splats may be lopsided by chance."""
 BLOCK = 1024
 """Patches that are grown at a time."""
 PAIRS = 1 << 18
@@ -32,6 +39,7 @@ class Surface:
 
     center: NDArray[np.float64]  # (N, 3), scene units
     normal: NDArray[np.float64]  # (N, 3)
+    area: NDArray[np.float64]  # (N,), |t_u x t_v|, square scene units
     oriented: bool
     tree: Any  # of the centres
     error: float  # scene units
@@ -102,6 +110,7 @@ class _Around:
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     height: NDArray[np.float64]
+    area: NDArray[np.float64]
     forbidden: NDArray[np.bool_]  # stops the growth
     elsewhere: NDArray[np.bool_]  # of another sheet of the surface: neither covered nor a stop
     reach: NDArray[np.float64]  # (C,) distance within which there are no others
@@ -152,7 +161,8 @@ def _look_around(
     whole = num == len(surface.center)
     reach = np.where(whole, np.inf, distance[:, -1])
     slopes = np.stack([along_x, along_y], axis=-1) / np.where(forbidden, 1.0, cosine)[..., None]
-    return ids, _Around(x, y, height, forbidden & ~elsewhere, elsewhere, reach), slopes.reshape(-1, 2)
+    area = surface.area[ids] * ~elsewhere
+    return ids, _Around(x, y, height, area, forbidden & ~elsewhere, elsewhere, reach), slopes.reshape(-1, 2)
 
 
 def _extent(
@@ -167,13 +177,23 @@ def _extent(
         False where splats beyond those around might have been covered.
     """
     cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
-    long, short = cos * around.x + sin * around.y, cos * around.y - sin * around.x
-    size = np.sqrt((long**2 + around.height**2) / aspect[:, None] ** 2 + short**2)
+    long, short = (cos * around.x + sin * around.y) / aspect[:, None], cos * around.y - sin * around.x
+    size = np.sqrt(long**2 + (around.height / aspect[:, None]) ** 2 + short**2)
     order = np.argsort(size, axis=1, kind="stable")
-    height = np.take_along_axis(np.where(around.elsewhere, 0.0, around.height), order, axis=1)
+
+    def sort(values: NDArray[Any]) -> NDArray[Any]:
+        return np.take_along_axis(values, order, axis=1)
+
+    height = sort(np.where(around.elsewhere, 0.0, around.height))
     span = np.maximum.accumulate(height, axis=1) - np.minimum.accumulate(height, axis=1)
-    stops = np.take_along_axis(around.forbidden, order, axis=1) | (span > 2 * error)
-    known = np.take_along_axis(size, order, axis=1) <= (around.reach / aspect)[:, None]
+    total, moment_long, moment_short = (
+        np.cumsum(sort(around.area * values), axis=1) for values in (np.ones_like(long), long, short)
+    )
+    lopsided = np.hypot(moment_long, moment_short) > LOPSIDED * total * sort(size)
+    lopsided[:, :FEW] = False
+    sparse = total < MIN_FILL * aspect[:, None] * sort(size) ** 2
+    stops = sort(around.forbidden) | (span > 2 * error) | lopsided | sparse
+    known = sort(size) <= (around.reach / aspect)[:, None]
     grown = known & ~np.logical_or.accumulate(stops, axis=1)
     covered = np.empty_like(grown)
     np.put_along_axis(covered, order, grown, axis=1)

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.camera import Camera
-from splatcl.lights import Light
-from splatcl.passes import BEHIND, EVERY, PER_FRAGMENT, PER_SPLAT, PREFILTERS, Passes, rotated
+from splatcl.passes import BEHIND, EVERY, PER_FRAGMENT, PER_SPLAT, PREFILTERS, Passes
 from splatcl.resident import PLANE_PAD, ResidentSplats
 from splatcl.settings import RenderSettings
+from splatcl.shading import resolve as resolve
+from splatcl.shading import shade as shade
+from splatcl.shading import shading_structs as shading_structs
 
 MAX_CHUNKS = 64
 MIN_CHUNK = 1024
@@ -281,58 +282,6 @@ def fragment_arguments(passes: Passes, epsilon: float) -> tuple[tuple[Any, ...],
     )  # fmt: skip
     prefilter = PREFILTERS[settings.prefilter]
     return arguments, {"PREFILTER": prefilter, "KERNEL": int(kernel), "TARGET": passes.target}
-
-
-def shading_structs(passes: Passes) -> tuple[Any, Any]:
-    """Return the Shading and PhongLight structs on the device."""
-    settings, lights = passes.settings, passes.settings.lights
-    shading = np.zeros(1, passes.dtypes["Shading"])
-    for name in ("ambient", "diffuse", "specular", "shininess"):
-        shading[name] = getattr(settings.material, name)
-    shading["num_lights"] = len(lights)
-    eye_lights = [_eye_light(light, passes.camera) for light in lights or (Light(),)]
-    return passes.constant(shading), passes.constant(np.array(eye_lights, passes.dtypes["PhongLight"]))
-
-
-def shade(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer, gloss: Any = None, has: int = 0) -> Any:
-    """Return the (H, W, 4) linear RGBA buffer, shaded once per pixel (kernels/shade.cl).
-
-    `gloss` is an (H, W, 3) image whose first channels are specular and shininess, as the bits of `has` say.
-    """
-    color, sums = passes.image(4), _sums(depth, gbuffer)
-    _run_shade(passes, "shade", view, *shading_structs(passes), *sums, gloss or sums[0], color, GLOSS=has)
-    return color
-
-
-def resolve(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> dict[str, Any]:
-    """Return buffers of what the sums say of the surface: P, N, albedo, depth.mean, depth.distance."""
-    surface = {"P": 3, "N": 3, "albedo": 3, "depth.mean": 1, "depth.distance": 1}
-    buffers = {name: passes.image(channels) for name, channels in surface.items()}
-    _run_shade(passes, "resolve", view, *_sums(depth, gbuffer), *buffers.values())
-    return buffers
-
-
-def _run_shade(passes: Passes, kernel: str, *args: Any, **options: int) -> None:
-    size = (-(-passes.camera.width // passes.lanes), passes.camera.height)
-    shader = passes.settings.shader if passes.settings.shading == "deferred" else "albedo"  # lit before it was blended
-    passes.run(kernel, size, *args, SHADER=f'"{shader}.h"', **{"GLOSS": 0, **options})
-
-
-def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:
-    return depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum
-
-
-def _eye_light(light: Light, camera: Camera) -> tuple[float, ...]:
-    """Fields of PhongLight: a position (is_point 1) or the direction toward the light, in eye space."""
-    rotation, vector = camera.eye_from_world[:3, :3], np.array(light.vector, np.float64)
-    if light.kind == "headlight":
-        is_point, eye = camera.projection == "perspective", np.zeros(3)
-        eye[2] = 0.0 if is_point else -1.0
-    elif light.kind == "point":
-        is_point, eye = True, rotated(rotation, vector) + camera.eye_from_world[:3, 3]
-    else:
-        is_point, eye = False, rotated(rotation, vector / np.sqrt((vector * vector).sum()))
-    return (*eye, float(is_point), *light.color)
 
 
 def effective_settings(settings: RenderSettings, oriented: bool) -> RenderSettings:

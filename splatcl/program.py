@@ -18,18 +18,26 @@ PRAGMAS = """\
 """Before every program: no product is fused with a sum."""
 
 
+class BuildError(DeviceError):
+    """A program did not build; the message ends with the compiler's own."""
+
+
+class Text(str):
+    """A build option that is itself the text of the header it names."""
+
+
 class Program:
     """Kernels of one source file, built with one set of options; each kernel is retrieved once."""
 
     def __init__(self, context: Any, name: str, prelude: str, options: Mapping[str, str | int]) -> None:
         import pyopencl as cl
 
-        defines = "".join(f"#define {key} {value}\n" for key, value in options.items())
+        defines = "".join(f"#define {key} {value}\n" for key, value in options.items() if not isinstance(value, Text))
         source = f"{PRAGMAS}{defines}{prelude}\n{inline_source(name, options)}"
         try:
             program = cl.Program(context, source).build(options=_rounding_options(context.devices[0]))
         except cl.RuntimeError as error:
-            raise DeviceError(f"kernels/{name} does not build on this device:\n{error}") from None
+            raise BuildError(f"kernels/{name} does not build on this device:\n{error}") from None
         self.kernels = {kernel.function_name: kernel for kernel in program.all_kernels()}
 
     def __call__(self, queue: Any, name: str, size: tuple[int, ...], group: int, *args: Any) -> None:
@@ -61,8 +69,9 @@ def inline_source(name: str, options: Mapping[str, str | int]) -> str:
         for number, line in enumerate((files("splatcl.kernels") / file).read_text().splitlines(), 1):
             include = re.fullmatch(r'#include (?:"(.+)"|(\w+))', line)
             if include:
-                header = include[1] or str(options[include[2]]).strip('"')
-                lines += [inline(header), f'#line {number + 1} "kernels/{file}"']
+                header = include[1] or options[include[2]]
+                text = header if isinstance(header, Text) else inline(str(header).strip('"'))
+                lines += [text, f'#line {number + 1} "kernels/{file}"']
             else:
                 lines.append(line)
         return "\n".join(lines)

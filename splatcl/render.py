@@ -17,7 +17,7 @@ from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
 from splatcl.passes import BEHIND, Passes
 from splatcl.pipeline import DepthBuffer, GBuffer
-from splatcl.resident import GLOSS, ResidentSplats, upload
+from splatcl.resident import ResidentSplats, upload
 from splatcl.settings import RenderSettings
 from splatcl.splats import PREFIX, Splats
 from splatcl.supersampling import NEIGHBOURS, supersampled
@@ -149,14 +149,17 @@ class Renderer:
 
         `first` is the column and row of a window's first pixel (`Passes`).
         """
-        device = self.device
-        if settings.precision == "double" and not self.supports_double:
-            raise DeviceError(f"{device.info.name} has no double precision; choose another device")
+        passes, device = self.passes(camera, settings, first), self.device
         key = (device, settings.precision)
         if key not in resident._on_device:
             resident._on_device[key] = upload(device, resident.splats, settings.precision)
-        passes = Passes(device, camera, settings, self._arguments[1], settings.precision, first)
         return passes, resident._on_device[key]
+
+    def passes(self, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)) -> Passes:
+        """Return what every pass of one frame needs. For functions given to `call`; `first` as for `prepare`."""
+        if settings.precision == "double" and not self.supports_double:
+            raise DeviceError(f"{self.device.info.name} has no double precision; choose another device")
+        return Passes(self.device, camera, settings, self._arguments[1], settings.precision, first)
 
 
 def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> Frame:
@@ -201,8 +204,7 @@ def _draw(
         for k, name in enumerate(g.names)
         if name
     }
-    gloss = sum(1 << k for k, name in enumerate(GLOSS) if name in names)
-    color = pipeline.shade(passes, view, depth, gbuffer, channels[0][0] if gloss else None, gloss)
+    color = pipeline.shade(passes, view, depth, gbuffer, epsilon, names)
     return DeviceAovs(passes, view, depth, gbuffer, color, names)
 
 

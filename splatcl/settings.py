@@ -84,7 +84,7 @@ class RenderSettings:
     shader : {"phong", "lightmap", "npr", "albedo", "normal", "depth", "user"}
         docs/shaders.md shows each.
     user_shader : str
-        OpenCL C of ``shader="user"``: a function ``float4 shade(Surface s, Scene scene)``.
+        OpenCL C of ``shader="user"``: a function ``float4 shade(const Surface s, const Scene scene)``.
     user_shader_name : str
         What compile errors call it.
     lights : tuple of Light
@@ -169,8 +169,7 @@ class RenderSettings:
 
     def _check_further(self) -> None:
         """Check what has come with other methods than [BHZK05]'s."""
-        if not isinstance(self.npr, Npr):
-            raise SettingsError(f"npr {self.npr!r} is not an Npr")
+        self._set("npr", _checked_npr(self.npr))
         self._set("time", _number("time", self.time, -1e9, 1e9))
         n = _number("supersampling", self.supersampling, 1, MAX_SUPERSAMPLING)
         if n != int(n):
@@ -198,8 +197,8 @@ class RenderSettings:
             raise SettingsError("normals='field' has no effect where shading='splat' takes each splat's centre alone")
         if self.target == "float64" and self.precision == "single":
             raise SettingsError("target='float64' needs precision='double'")
-        if (self.shader == "user") != bool(self.user_shader):
-            raise SettingsError("shader='user' and user_shader go together: give both or neither")
+        if self.user_shader and self.shader != "user":
+            raise SettingsError("user_shader needs shader='user'")
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
@@ -210,6 +209,19 @@ def _check_choices(settings: Any) -> None:
         if get_origin(hint) is Literal and getattr(settings, name) not in get_args(hint):
             choices = ", ".join(get_args(hint))
             raise SettingsError(f"{name} {getattr(settings, name)!r} is not one of {choices}")
+
+
+def _checked_npr(npr: Any) -> Npr:
+    if not isinstance(npr, Npr):
+        raise SettingsError(f"npr {npr!r} is not an Npr")
+    tones = tuple(_number("npr.tones", tone, 0.0, 1e4) for tone in _tuple_of("npr.tones", npr.tones, object))
+    if not 1 <= len(tones) <= MAX_TABLE:
+        raise SettingsError(f"npr.tones has {len(tones)} tones; it takes 1 to {MAX_TABLE}")
+    line = tuple(_number("npr.line", value, 0.0, 1e4) for value in _tuple_of("npr.line", npr.line, object))
+    if len(line) != 3:
+        raise SettingsError(f"npr.line {line!r} is not three numbers")
+    contour = npr.contour if npr.contour == "auto" else _number("npr.contour", npr.contour, 0.0, 1e15)
+    return Npr(tones, contour, _number("npr.silhouette", npr.silhouette, -1.0, 1.0), (line[0], line[1], line[2]))
 
 
 def _tuple_of(name: str, values: Any, kind: type) -> tuple[Any, ...]:

@@ -86,7 +86,7 @@ class DevicePasses:
         buffers = {name: self.passes.constant(array.astype(self.passes.real)) for name, array in sums.items()}
         depth = DepthBuffer(buffers.pop("depth"), None)
         gbuffer = GBuffer(**buffers, count=None)
-        color = pipeline.shade(self.passes, self.view, depth, gbuffer)
+        color = pipeline.shade(self.passes, self.view, depth, gbuffer, self.epsilon)
         resolved = pipeline.resolve(self.passes, self.view, depth, gbuffer)
         return {"color": self._image("color", color, 4)} | {
             name: self._image(name, buffer) for name, buffer in resolved.items()

@@ -211,6 +211,19 @@ origin away first."""
 DEVICE_RELATIVE = 2.0**-22
 """Two roundings to float32."""
 
+# ---- shaders
+
+NPR_TIES = 1e-5
+"""Relative change of the light and the contour, absolute one of the silhouette's cosine, below which float32 may choose
+another tone or draw another line: each is a few roundings of numbers of about 1."""
+
+NPR_TIES_SHARE = 0.01
+"""Of the pixels, whose tone or line is that near to another (0.1 % are seen)."""
+
+USER_SHADED = 3e-5
+"""Phong written by a user, by OpenCL's own pow: 16 units in the last place, times float32's rounding of its argument,
+times the shininess of 32."""
+
 # ---- clip lines and sharp features
 
 FEATURE = 1e-9
@@ -253,8 +266,8 @@ MASKED_METHODS = 0.02
 """Largest share of covered pixels left out: ellipses decide twice, whether they cover and whether the disc does (seen:
 1.7 % with the eye among the discs, below 0.5 % otherwise)."""
 
-SINGLE_METHODS = 2e-6
-"""Depth, relative, as DEPTH_RELATIVE."""
+SINGLE_METHODS = 4e-6
+"""Depth, relative: DEPTH_RELATIVE, and twice that with discs about the eye, where DEPTH_UNITS allows more (seen: 2.3e-6)."""
 
 COLOR_LIT = 3e-5
 """Phong's power multiplies a normal's error by the shininess (seen: 2.3e-6)."""
@@ -264,3 +277,23 @@ DOUBLE_METHODS = 1e-12
 
 TARGET_STEPS = {"float16": 2.0**-8, "unorm8": 2.5 / 255}
 """A weight on the border of two steps may fall to either: a step or two of a sum of a few."""
+# ---- normal fields
+
+FIELD_OF_CONSTANT = 0.01
+"""Error of a sphere's normal at the rim with a field, of that without, where a disc is 3 degrees in radius: the third
+order is 0.0014 times the first, and estimates feel the unevenness of their neighbours (seen: 0.003)."""
+
+FIELD_EXACT = 1e-9
+"""A field that is exact, from normals in float64."""
+
+# ---- decimation
+
+BOUND_SLACK = 1e-9
+"""Float64 rounding of heights and disc coordinates, relative; an output ellipse is computed to hold what it covers."""
+
+BOUND_SLACK_SINGLE = 1e-5
+"""The same of float32 output, in error bounds of a hundredth of the coordinates, which are rounded by up to 6e-8 of
+them, and in cosines."""
+
+BOUND_SLACK_SURVEY = 1e-7
+"""The same at coordinates of 5e6, which float64 rounds by up to 5e-10, in error bounds of 0.1."""

@@ -66,11 +66,19 @@ class Row:
 
 
 BASE = RenderSettings(facing="cull")
+USER_SHADER = "float4 shade(const Surface s, const Scene scene) { return (float4)(s.albedo * -s.normal.z, 1.0f); }"
+"""The least that a user would write."""
+
+
+def _shaded(shader: Shader) -> RenderSettings:
+    return replace(BASE, shader=shader, user_shader=USER_SHADER if shader == "user" else "")
+
+
 FACTORS: tuple[Row, ...] = (
     Row(0, BASE, "shuffled", order="shuffled"),
     Row(0, BASE, "1920x1080", width=1920, height=1080),
     Row(0, replace(BASE, prefilter="none"), "no pre-filter"),
-    *(Row(0, replace(BASE, shader=shader), shader) for shader in get_args(Shader) if shader != BASE.shader),
+    *(Row(0, _shaded(shader), shader) for shader in get_args(Shader) if shader != BASE.shader),
     Row(0, replace(BASE, lights=THREE_LIGHTS), "3 lights"),
     Row(0, replace(BASE, precision="double"), "double"),
     Row(0, replace(BASE, along="ray"), "epsilon along ray"),

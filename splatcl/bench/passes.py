@@ -84,7 +84,7 @@ class FramePasses:
             timed("attributes", pipeline.attributes, passes, view, lists, projected, depth, self._epsilon, gbuffer)
             if tally:
                 tally.add_near(lists, projected, depth)
-        timed("shade", pipeline.shade, passes, view, depth, gbuffer)
+        timed("shade", pipeline.shade, passes, view, depth, gbuffer, self._epsilon)
         return seconds
 
     def counts(self) -> Counts:

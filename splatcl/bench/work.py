@@ -48,6 +48,12 @@ FLOPS = {
     # Each light: direction 13, N.L 5, diffuse 10, mirrored 7, R.V 5, power 43 (logarithm 20, exponent 1, exp 22),
     # specular 7.
     "light": 90,
+    # npr.h. Each pixel: nine differences of depths, N.V 5, places in the tones 3, colour 3.
+    "npr": 20,
+    # Each light: direction 13, N.L 5, sum 6.
+    "npr light": 24,
+    # depth.h. Each pixel: a division.
+    "depth": 1,
 }
 """+ - * / and square roots, one each; comparisons, selects, conversions and changes of sign are none."""
 GBUFFER = 9
@@ -142,6 +148,10 @@ def _shade_flops(result: Result) -> int:
     settings, pixel = result.row.settings, FLOPS["pixel"]
     if settings.shader == "phong":
         pixel += FLOPS["ambient"] + len(settings.lights) * FLOPS["light"]
+    elif settings.shader == "npr":
+        pixel += FLOPS["npr"] + len(settings.lights) * FLOPS["npr light"]
+    elif settings.shader == "depth":
+        pixel += FLOPS["depth"]
     return result.fragments.drawn.pixels * pixel
 
 

@@ -33,6 +33,8 @@ OPTIONS = {
         "fov_y": "--fov",
         "image size": "--size",
     },
+    **{"azimuth": "--azimuth", "elevation": "--elevation", "up": "--up", "fov_y": "--fov", "image size": "--size"},
+    **{"error": "--error", "angle": "--angle", "num_neighbors": "--num-neighbors"},
 }
 """Parameters of the library and the options that set them."""
 
@@ -49,14 +51,18 @@ app = App(
     version=_version,
     help_format="plaintext",
     suppress_keyboard_interrupt=False,
-    # No --no-... flags; a tuple takes all the values that follow; lights are for Python only.
-    default_parameter=Parameter(negative=(), consume_multiple=True, parse=re.compile("^(?!lights)")),
+    # No --no-... flags; a tuple takes all the values that follow; lights are for Python only; a user's shader is a
+    # text there and a file here.
+    default_parameter=Parameter(negative=(), consume_multiple=True, parse=re.compile("^(?!lights|user_shader)")),
 )
 COMMANDS = {
     "render": "Render a scan to an OpenEXR file, a PNG, or both.",
+    "shade": "Light a rendered OpenEXR file anew, without its splats.",
     "probe": "Explain one pixel: every splat that touches it, and what became of it.",
     "features": "Make splats of a mesh that end at its sharp edges.",
     "info": "Say what a scan holds and what of it would be left out.",
+    "decimate": "Cover a scan with fewer, larger splats within an error bound.",
+    "fields": "Estimate how normals turn over each splat, for --method botsch04.",
     "bench": "Measure how fast splats are rendered, and what bounds it.",
     "paper": "Rerun the papers' claims.",
     "doctor": "Test a device's arithmetic and its golden images.",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from cyclopts import Parameter
 
+from splatcl.cli.user_shader import with_user_shader
 from splatcl.cli.view import View, read_scan
 from splatcl.errors import CheckError, SettingsError
 from splatcl.progress import stage
@@ -32,6 +33,7 @@ def render(
     exposure: float = 0.0,
     view: Annotated[View | None, Parameter(name="*", group="Camera")] = None,
     settings: Annotated[RenderSettings | None, Parameter(name="*", group="Settings")] = None,
+    user_shader: Annotated[Path | None, Parameter(parse=True, group="Settings")] = None,
     on_invalid: OnInvalid = "error",
     device: str | None = None,
     tile_size: int = 16,
@@ -52,6 +54,8 @@ def render(
         .png file to write.
     exposure : float
         Stops, for the PNG.
+    user_shader : path
+        File of OpenCL C with a function float4 shade(const Surface s, const Scene scene); sets --shader user.
     on_invalid : str
         What to do with splats that have non-finite numbers or no area.
     device : str
@@ -72,7 +76,7 @@ def render(
     outputs = check_outputs(output, png, exposure)
     if (margin or envelope) and all(path.suffix.lower() != ".exr" for path in outputs):
         raise SettingsError("--margin and --envelope are for .exr: give -o FILE.exr")
-    view, settings = view or View(), settings or RenderSettings()
+    view, settings = view or View(), with_user_shader(settings or RenderSettings(), user_shader)
     if settings.supersampling > 1 and (check or margin or envelope):
         raise SettingsError("--check, --margin and --envelope are of single samples: leave out --supersampling")
     camera = view.file_camera()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.errors import FileError
-from splatcl.io.atomic import atomic_path
+from splatcl.io.atomic import atomic_path, check_writable
 from splatcl.io.model import Model, foreign_errors
 from splatcl.splats import OPTIONAL, PREFIX, Splats
 
@@ -47,13 +48,23 @@ def write(splats: Splats, path: str | os.PathLike[str]) -> None:
     FileError
         Another extension, or the file cannot be written.
     """
-    path = Path(path)
+    writer = _writer(Path(path))
+    with atomic_path(path) as temporary, temporary.open("wb") as stream:
+        writer(splats, stream)
+
+
+def check_output(path: Path) -> None:
+    """Raise `FileError` now if `write` could not write splats at `path`."""
+    _writer(path)
+    check_writable(path)
+
+
+def _writer(path: Path) -> Callable[[Splats, Any], None]:
     writers = {".ply": _write_ply, ".npz": _write_npz}
     writer = writers.get(path.suffix.lower())
     if writer is None:
         raise FileError(f"{path}: splats are written as .ply or .npz, not {path.suffix or 'without an extension'}")
-    with atomic_path(path) as temporary, temporary.open("wb") as stream:
-        writer(splats, stream)
+    return writer
 
 
 def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], comments: list[str]) -> Model:

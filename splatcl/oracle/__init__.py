@@ -56,7 +56,7 @@ from splatcl.oracle.rays import (
     _rays,
     _s_center,
 )
-from splatcl.oracle.shade import _phong, _to_light, shade
+from splatcl.oracle.shade import _phong, _to_light, color, shade
 from splatcl.oracle.supersampling import averaged, enlarged
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
@@ -103,6 +103,7 @@ __all__ = [
     "auto_epsilon",
     "averaged",
     "bin",
+    "color",
     "enlarged",
     "passes",
     "project",
@@ -134,7 +135,7 @@ def passes(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
     named = {name: means[..., k] for k, name in enumerate(names)}
     pixel_gloss = _gloss(named, settings, gbuffer.weight_sum.shape)
     return {
-        **shade(gbuffer, depth, camera, settings, pixel_gloss),
+        **shade(gbuffer, depth, camera, settings, pixel_gloss, epsilon),
         "Z": depth.depth,
         "weight": gbuffer.weight_sum,
         "count": gbuffer.count,

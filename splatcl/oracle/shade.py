@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatcl.camera import Camera
+from splatcl.errors import SettingsError
 from splatcl.lights import Light
 from splatcl.oracle.rays import Array, _image, _normalize, _ray_length, _rays
 from splatcl.settings import RenderSettings
@@ -16,9 +17,16 @@ if TYPE_CHECKING:
 
 
 def shade(
-    gbuffer: GBuffer, depth: DepthBuffer, camera: Camera, settings: RenderSettings, gloss: Array | None = None
+    gbuffer: GBuffer,
+    depth: DepthBuffer,
+    camera: Camera,
+    settings: RenderSettings,
+    gloss: Array | None = None,
+    epsilon: float = 0.0,
 ) -> dict[str, Array]:
-    """Resolve the G-buffer and light each pixel once; `gloss` (H, W, 2) is specular and shininess of each pixel.
+    """Resolve the G-buffer and light each pixel once.
+
+    `gloss` (H, W, 2) is specular and shininess of each pixel; `epsilon`, scene units, is for contours alone.
 
     Returns
     -------
@@ -38,17 +46,81 @@ def shade(
         position = z_covered * s
     else:
         position = np.where(covered[..., None], np.concatenate([s[..., :2], z_covered], axis=-1), 0.0)
-    was_lit = settings.shading != "deferred"  # before it was blended
-    rgb = albedo if was_lit else shade_points(position, normal, albedo, camera, settings, gloss)
-    rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
     return {
-        "color": np.where(covered[..., None], rgba, 0.0),
+        "color": color(position, normal, albedo, covered, camera, settings, gloss, epsilon),
         "P": position,
         "N": normal,
         "albedo": albedo,
         "depth.mean": mean,
         "depth.distance": z * _ray_length(camera, s),
     }
+
+
+def color(
+    position: Array,
+    normal: Array,
+    albedo: Array,
+    covered: Array,
+    camera: Camera,
+    settings: RenderSettings,
+    gloss: Array | None = None,
+    epsilon: float = 0.0,
+) -> Array:
+    """(H, W, 4) linear RGBA of the AOVs P, N and albedo (H, W, 3) where `covered` (H, W); the rest as for `shade`."""
+    if settings.shader == "user":
+        raise SettingsError("the oracle cannot run a user's shader, which is OpenCL C")
+    if settings.shading != "deferred":  # it was lit before it was blended
+        rgb = albedo
+    elif settings.shader == "depth":
+        rgb = np.repeat(_nearness(position[..., 2], covered, camera)[..., None], 3, axis=-1)
+    elif settings.shader == "npr":
+        rgb = _npr(position, normal, albedo, covered, camera, settings, epsilon)
+    else:
+        rgb = shade_points(position, normal, albedo, camera, settings, gloss)
+    rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
+    return np.where(covered[..., None], rgba, 0.0)
+
+
+def _nearness(z: Array, covered: Array, camera: Camera) -> Array:
+    """(H, W) near / z; orthographic (far - z) / (far - near), or 1 / (1 + z - near) where far is infinite."""
+    if camera.projection == "perspective":
+        return camera.near / np.where(covered, z, 1.0)
+    if np.isfinite(camera.far):
+        return (camera.far - z) / (camera.far - camera.near)
+    return 1 / np.where(covered, 1 + z - camera.near, 1.0)
+
+
+def _npr(
+    position: Array,
+    normal: Array,
+    albedo: Array,
+    covered: Array,
+    camera: Camera,
+    settings: RenderSettings,
+    epsilon: float,
+) -> Array:
+    """(H, W, 3) albedo times the tone that the diffuse light chooses, or the line's colour."""
+    npr, light, to_eye = settings.npr, np.zeros(normal.shape), _to_eye(position, camera)
+    for one in settings.lights:
+        n_l = (normal * _to_light(one, position, to_eye, camera)).sum(axis=-1, keepdims=True)
+        light += np.maximum(n_l, 0.0) * one.color
+    place = np.floor(np.clip(light, 0.0, 1.0) * len(npr.tones)).astype(int)
+    tone = np.array(npr.tones)[np.minimum(place, len(npr.tones) - 1)]
+    jump = _jumps(np.where(covered, position[..., 2], np.inf))
+    contour = 4 * epsilon if npr.contour == "auto" else npr.contour
+    line = (jump > contour) | ((normal * to_eye).sum(axis=-1) < npr.silhouette)
+    return np.where(line[..., None], npr.line, albedo * tone)
+
+
+def _jumps(z: Array) -> Array:
+    """(H, W) the greatest difference between a pixel's z and one of its 3x3 neighbourhood's; inf beside nothing."""
+    height, width = z.shape
+    jump = np.zeros(z.shape)
+    for y in range(height):
+        for x in range(width):
+            around = z[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
+            jump[y, x] = np.abs(around - z[y, x]).max() if np.isfinite(z[y, x]) else np.inf
+    return jump
 
 
 def shade_points(
@@ -59,10 +131,14 @@ def shade_points(
         return albedo
     if settings.shader == "normal":
         return 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
-    to_eye = _normalize(-position)
+    return _phong(position, normal, albedo, _to_eye(position, camera), camera, settings, gloss)
+
+
+def _to_eye(position: Array, camera: Camera) -> Array:
+    """(..., 3) unit."""
     if camera.projection == "orthographic":
-        to_eye = np.broadcast_to([0.0, 0.0, -1.0], position.shape)
-    return _phong(position, normal, albedo, to_eye, camera, settings, gloss)
+        return np.broadcast_to([0.0, 0.0, -1.0], position.shape)
+    return _normalize(-position)
 
 
 def _phong(
