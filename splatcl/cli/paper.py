@@ -30,7 +30,7 @@ def paper(
     output : path
         Folder for index.md and the images.
     quick : bool
-        Images of half the size: under a minute.
+        Images of half the size: under a minute once the kernels are built.
     docs : path
         Folder for paper.md and its pictures, instead of the other one; of all experiments.
     device : str
