@@ -22,9 +22,10 @@
 // GLOSS: bit 0 and 1 say that the first or second of the three channels of `gloss` stands for the material's specular
 // coefficient or shininess.
 kernel void shade(constant View *view, constant Shading *shading, constant PhongLight *lights, constant Npr *npr,
-                  constant real *tones, GBUFFER, global const real *gloss, global real *color)
+                  constant real *tones, GBUFFER, global const real *gloss, global real *color LIGHT_ARGUMENTS)
 {
   PIXELS;
+  TAKE_LIGHT_ARGUMENTS(s);
   s.specular = (reals)shading->specular;
   s.shininess = (reals)shading->shininess;
 #if GLOSS

@@ -8,7 +8,25 @@ typedef struct {
   reals specular, shininess;
   reals mean_depth, distance;
   masks covered;
+#if SHADOWS
+  constant ShadowMap *maps;  // light.h
+  global const real *map_depths;
+#elif LIGHTMAP
+  global const real *lightmap;  // lightmap.h
+#endif
 } Surface;
+
+// What a kernel that shades takes besides, last, and how its surface comes to it.
+#if SHADOWS
+#define LIGHT_ARGUMENTS , constant ShadowMap *maps, global const real *map_depths
+#define TAKE_LIGHT_ARGUMENTS(s) (s).maps = maps, (s).map_depths = map_depths
+#elif LIGHTMAP
+#define LIGHT_ARGUMENTS , global const real *lightmap
+#define TAKE_LIGHT_ARGUMENTS(s) (s).lightmap = lightmap
+#else
+#define LIGHT_ARGUMENTS
+#define TAKE_LIGHT_ARGUMENTS(s)
+#endif
 
 // A vector without a length stays zero.
 static inline reals3 normalize3(reals3 v)

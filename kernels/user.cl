@@ -69,12 +69,13 @@ static inline Light light_at(const Surface s, const Scene scene, int i)
 #include USER_SHADER
 
 kernel void user(constant View *view, constant Shading *shading, constant PhongLight *lights, real time, GBUFFER,
-                 global real *color ATTRIBUTE_ARGUMENTS)
+                 global real *color LIGHT_ARGUMENTS ATTRIBUTE_ARGUMENTS)
 {
   const Pixels at = {AS_GBUFFER, view, get_global_id(0), get_global_id(1)};
   const long p = (long)at.y * view->width + at.x;
   Surface s;
   s.exact = surface_at(&at);
+  TAKE_LIGHT_ARGUMENTS(s.exact);
   float4 rgba = (float4)(0.0f, 0.0f, 0.0f, 0.0f);
   if (s.exact.covered) {
     s.position = as_float3_of(s.exact.position);

@@ -65,7 +65,15 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
         "ProbedSplat": _reals(real, "u", "v", "r3", "r2", "z", "weight", "weight_sum", "red", "green", "blue")
         + _reals(real, "normal_x", "normal_y", "normal_z")
         + [(name, "u4") for name in ("id", "count", "state")],
-        "PhongLight": _reals(real, "x", "y", "z", "is_point", "red", "green", "blue"),
+        # In eye space (light.h): where it is, or the direction to it; a spot's cone; its shadow map's index or -1.
+        "PhongLight": [
+            *_reals(real, "x", "y", "z", "is_point", "red", "green", "blue"),
+            *_reals(real, "back_x", "back_y", "back_z", "cos_outer", "cone"),
+            ("map", "i4"),
+        ],
+        # From the eye's space to the light's and its raster (shadow.h); `first` is the map's first real.
+        "ShadowMap": _reals(real, *rows, "t0", "t1", "t2", "focal", "middle", "near", "bias")
+        + [(name, "i4") for name in ("perspective", "filtered", "size", "first")],
         "Shading": [*_reals(real, "ambient", "diffuse", "specular", "shininess"), ("num_lights", "i4")],
         "Npr": [*_reals(real, "contour", "silhouette", "red", "green", "blue"), ("num_tones", "i4")],
     }

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splatcl.lighting import shading_structs
 from splatcl.passes import BEHIND, EVERY, PER_FRAGMENT, PER_SPLAT, PREFILTERS, Passes
 from splatcl.resident import PLANE_PAD, ResidentSplats
 from splatcl.settings import RenderSettings
 from splatcl.shading import resolve as resolve
 from splatcl.shading import shade as shade
-from splatcl.shading import shading_structs as shading_structs
 
 MAX_CHUNKS = 64
 MIN_CHUNK = 1024

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -15,10 +15,12 @@ from splatcl.camera import Camera
 from splatcl.device import DeviceQueue, WorkItem, forked
 from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
+from splatcl.lighting import Shadows
 from splatcl.passes import BEHIND, Passes
 from splatcl.pipeline import DepthBuffer, GBuffer
 from splatcl.resident import ResidentSplats, upload
 from splatcl.settings import RenderSettings
+from splatcl.shadows import cast
 from splatcl.splats import PREFIX, Splats
 from splatcl.supersampling import NEIGHBOURS, supersampled
 from splatcl.worker import worker
@@ -39,6 +41,11 @@ class Resident:
     def epsilon(self, settings: RenderSettings) -> float:
         """Return the depth tolerance, scene units."""
         return self.auto_epsilon if settings.epsilon == "auto" else settings.epsilon
+
+    @cached_property
+    def sphere(self) -> tuple[NDArray[np.float64], float]:
+        """The splats' bounding sphere, around which shadow maps are drawn."""
+        return self.splats.bounding_sphere
 
     def prepared(self, settings: RenderSettings) -> Resident:
         """Return the splats as the settings take them, and keep them; `SettingsError` where they cannot."""
@@ -163,25 +170,35 @@ class Renderer:
 
 
 def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> Frame:
+    epsilon = resident.epsilon(settings)
+    shadows = cast(*renderer.prepare(resident, camera, settings), resident, epsilon)
+
     def window(camera: Camera, first: tuple[int, int] = (0, 0)) -> DeviceAovs:
-        return _draw(renderer, resident, camera, settings, first)
+        return _draw(renderer, resident, camera, settings, first, shadows)
 
     n = settings.supersampling
     aovs = window(camera) if n == 1 else supersampled(camera, n, window, NEIGHBOURS.get(settings.shader, 0))
     metadata = {
-        "epsilon": resident.epsilon(settings),
+        "epsilon": epsilon,
         "num_splats": len(resident.splats),
         "num_dropped": resident.splats.num_dropped,
         "notes": list(resident.splats.notes),
         "device": f"{renderer.device.info.version}, {renderer.device.info.name}",
     }
+    if shadows:
+        metadata["shadow_bias"] = shadows.bias
     if inexact := renderer.device.strictness.reason(settings.precision):
         metadata["inexact"] = inexact
     return Frame(aovs, camera, settings, metadata)
 
 
 def _draw(
-    renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings, first: tuple[int, int]
+    renderer: Renderer,
+    resident: Resident,
+    camera: Camera,
+    settings: RenderSettings,
+    first: tuple[int, int],
+    shadows: Shadows | None,
 ) -> DeviceAovs:
     """Run the passes for the window of a larger image that begins at `first` (`Passes`)."""
     passes, on_device = renderer.prepare(resident, camera, settings, first)
@@ -204,7 +221,9 @@ def _draw(
         for k, name in enumerate(g.names)
         if name
     }
-    color = pipeline.shade(passes, view, depth, gbuffer, epsilon, names)
+    if settings.shader == "lightmap" and "shininess" in names:
+        raise SettingsError("shader='lightmap' is made for one shininess: leave the splats' attribute shininess out")
+    color = pipeline.shade(passes, view, depth, gbuffer, epsilon, names, shadows)
     return DeviceAovs(passes, view, depth, gbuffer, color, names)
 
 

@@ -144,8 +144,6 @@ class RenderSettings:
         self._set("kernel_table", _tuple_of("kernel_table", self.kernel_table, object))
         if not isinstance(self.material, Material):
             raise SettingsError(f"material {self.material!r} is not a Material")
-        for light in self.lights:
-            _check_choices(light)
         if self.epsilon != "auto":
             self._set("epsilon", _number("epsilon", self.epsilon, 0.0, math.inf))
         self._set("prefilter_radius", _number("prefilter_radius", self.prefilter_radius, 1e-3, 1e3))
@@ -158,12 +156,7 @@ class RenderSettings:
         for field in fields(Material):
             _number(f"material.{field.name}", getattr(self.material, field.name), 0.0, 1e4)
         for light in self.lights:
-            for name in ("vector", "color"):
-                values = _tuple_of(f"a light's {name}", getattr(light, name), object)
-                if len([_number(f"a light's {name}", value, -1e15, 1e15) for value in values]) != 3:
-                    raise SettingsError(f"a light's {name} {values!r} is not three numbers")
-            if light.kind == "directional" and not any(light.vector):
-                raise SettingsError("a directional light needs a vector that points toward it")
+            _check_light(light)
         self._check_further()
         self._refuse()
 
@@ -191,6 +184,17 @@ class RenderSettings:
                 raise SettingsError(
                     "prefilter='ewa' convolves Gaussians: choose kernel='gaussian' and a cutoff above 0"
                 )
+        shadows = any(light.shadow != "none" for light in self.lights)
+        if shadows and self.shading != "deferred":
+            raise SettingsError(
+                f"shadow maps are looked up once per pixel, which shading={self.shading!r} does not light: "
+                "choose shading='deferred', or shadow='none' for every light"
+            )
+        if self.shader == "lightmap" and (shadows or any(light.has_place for light in self.lights)):
+            raise SettingsError(
+                "shader='lightmap' looks light up by direction alone, and so knows no light's position and no shadow: "
+                "choose directional lights and headlights with shadow='none', or shader='phong'"
+            )
         if self.shading != "deferred" and self.shader not in POINTWISE:
             raise SettingsError(f"shader={self.shader!r} looks at whole pixels: choose shading='deferred'")
         if self.shading == "splat" and self.normals == "field":
@@ -222,6 +226,30 @@ def _checked_npr(npr: Any) -> Npr:
         raise SettingsError(f"npr.line {line!r} is not three numbers")
     contour = npr.contour if npr.contour == "auto" else _number("npr.contour", npr.contour, 0.0, 1e15)
     return Npr(tones, contour, _number("npr.silhouette", npr.silhouette, -1.0, 1.0), (line[0], line[1], line[2]))
+
+
+def _check_light(light: Light) -> None:
+    _check_choices(light)
+    for name in ("vector", "color", "direction"):
+        values = _tuple_of(f"a light's {name}", getattr(light, name), object)
+        if len([_number(f"a light's {name}", value, -1e15, 1e15) for value in values]) != 3:
+            raise SettingsError(f"a light's {name} {values!r} is not three numbers")
+    if light.kind == "directional" and not any(light.vector):
+        raise SettingsError("a directional light needs a vector that points toward it")
+    if light.kind == "spot" and not any(light.direction):
+        raise SettingsError("a spot light needs a direction in which it shines")
+    outer = _number("a light's outer", light.outer, 0.1, 89.0)
+    if not _number("a light's inner", light.inner, 0.0, 89.0) <= outer:
+        raise SettingsError(f"a light's inner {light.inner} is wider than its outer {light.outer}: both are degrees")
+    if light.bias != "auto":
+        _number("a light's bias", light.bias, 0.0, 1e15)
+    size = _number("a light's map_size", light.map_size, 16, 8192)
+    if size != int(size):
+        raise SettingsError(f"a light's map_size {size} is not a whole number")
+    if light.kind == "headlight" and light.shadow != "none":
+        raise SettingsError(
+            "a headlight shines from the eye, which sees none of its shadows: choose shadow='none' or another kind"
+        )
 
 
 def _tuple_of(name: str, values: Any, kind: type) -> tuple[Any, ...]:

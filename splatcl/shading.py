@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from splatcl import user_shader
-from splatcl.camera import Camera
-from splatcl.lights import Light
-from splatcl.passes import Passes, rotated
+from splatcl.lighting import Shadows, light_arguments, light_options, shading_structs
+from splatcl.passes import Passes
 from splatcl.resident import GLOSS
 
 if TYPE_CHECKING:
@@ -38,48 +37,57 @@ class Surface:
 
 
 def shade(
-    passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer, epsilon: float, channels: Channels = NO_CHANNELS
+    passes: Passes,
+    view: Any,
+    depth: DepthBuffer,
+    gbuffer: GBuffer,
+    epsilon: float,
+    channels: Channels = NO_CHANNELS,
+    shadows: Shadows | None = None,
 ) -> Any:
     """Return the (H, W, 4) linear RGBA buffer, shaded once per pixel (kernels/shade.cl, user.cl)."""
     if passes.settings.shader == "user":
         resolved = resolve(passes, view, depth, gbuffer)
         surface = Surface(resolved["P"], resolved["N"], resolved["albedo"], gbuffer.weight_sum)
-        return shade_surface(passes, view, surface, epsilon, channels)
-    return _shade(passes, view, _sums(depth, gbuffer), epsilon, channels, RESOLVED=0)
+        return shade_surface(passes, view, surface, epsilon, channels, shadows)
+    return _shade(passes, view, _sums(depth, gbuffer), epsilon, channels, shadows, RESOLVED=0)
 
 
-def shade_surface(passes: Passes, view: Any, surface: Surface, epsilon: float, channels: Channels = NO_CHANNELS) -> Any:
+def shade_surface(
+    passes: Passes,
+    view: Any,
+    surface: Surface,
+    epsilon: float,
+    channels: Channels = NO_CHANNELS,
+    shadows: Shadows | None = None,
+) -> Any:
     """Return what `shade` does, from AOVs."""
     images = surface.position, surface.normal, surface.albedo, surface.weight
     if passes.settings.shader != "user":
-        return _shade(passes, view, images, epsilon, channels, RESOLVED=1)
-    color = passes.image(4)
-    arguments = view, *shading_structs(passes), passes.settings.time, *images
-    user_shader.run(passes, channels, *arguments, color=color)
+        return _shade(passes, view, images, epsilon, channels, shadows, RESOLVED=1)
+    color, structs = passes.image(4), shading_structs(passes)
+    arguments = view, *structs, passes.settings.time, *images, color, *light_arguments(passes, structs, shadows)
+    user_shader.run(passes, channels, *arguments)
     return color
 
 
 def _shade(
-    passes: Passes, view: Any, images: tuple[Any, ...], epsilon: float, channels: Channels, **options: int
+    passes: Passes,
+    view: Any,
+    images: tuple[Any, ...],
+    epsilon: float,
+    channels: Channels,
+    shadows: Shadows | None,
+    **options: int,
 ) -> Any:
     """Run the kernel; specular and shininess of the splats' own stand for the material's."""
-    color = passes.image(4)
+    color, structs = passes.image(4), shading_structs(passes)
     has = sum(1 << k for k, name in enumerate(GLOSS) if name in channels)
     gloss = next((channels[name][0] for name in GLOSS if name in channels), images[0])  # not read where there is none
-    arguments = (*shading_structs(passes), *_npr(passes, epsilon), *images, gloss, color)
+    lights = light_arguments(passes, structs, shadows)
+    arguments = (*structs, *_npr(passes, epsilon), *images, gloss, color, *lights)
     _run_shade(passes, "shade", view, *arguments, GLOSS=has, **options)
     return color
-
-
-def shading_structs(passes: Passes) -> tuple[Any, Any]:
-    """Return the Shading and PhongLight structs on the device."""
-    settings, lights = passes.settings, passes.settings.lights
-    shading = np.zeros(1, passes.dtypes["Shading"])
-    for name in ("ambient", "diffuse", "specular", "shininess"):
-        shading[name] = getattr(settings.material, name)
-    shading["num_lights"] = len(lights)
-    eye_lights = [_eye_light(light, passes.camera) for light in lights or (Light(),)]
-    return passes.constant(shading), passes.constant(np.array(eye_lights, passes.dtypes["PhongLight"]))
 
 
 def _npr(passes: Passes, epsilon: float) -> tuple[Any, Any]:
@@ -101,26 +109,12 @@ def resolve(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> 
 
 def _run_shade(passes: Passes, kernel: str, *args: Any, **options: int) -> None:
     size = (-(-passes.camera.width // passes.lanes), passes.camera.height)
-    shader = passes.settings.shader
-    if (
-        shader == "user" or passes.settings.shading != "deferred"
-    ):  # has a file of its own; was lit before it was blended
-        shader = "albedo"
-    passes.run(kernel, size, *args, SHADER=f'"{shader}.h"', **{"GLOSS": 0, **options})
+    settings = passes.settings
+    # A user's shader has a file of its own; what is not deferred was lit before it was blended.
+    shader = "albedo" if settings.shader == "user" or settings.shading != "deferred" else settings.shader
+    options = {"GLOSS": 0, **light_options(settings), **options}
+    passes.run(kernel, size, *args, SHADER=f'"{shader}.h"', **options)
 
 
 def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:
     return depth.depth, gbuffer.weight_sum, gbuffer.color_sum, gbuffer.normal_sum, gbuffer.depth_sum
-
-
-def _eye_light(light: Light, camera: Camera) -> tuple[float, ...]:
-    """Fields of PhongLight: a position (is_point 1) or the direction toward the light, in eye space."""
-    rotation, vector = camera.eye_from_world[:3, :3], np.array(light.vector, np.float64)
-    if light.kind == "headlight":
-        is_point, eye = camera.projection == "perspective", np.zeros(3)
-        eye[2] = 0.0 if is_point else -1.0
-    elif light.kind == "point":
-        is_point, eye = True, rotated(rotation, vector) + camera.eye_from_world[:3, 3]
-    else:
-        is_point, eye = False, rotated(rotation, vector / np.sqrt((vector * vector).sum()))
-    return (*eye, float(is_point), *light.color)

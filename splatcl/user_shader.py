@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from splatcl.errors import SettingsError
+from splatcl.lighting import light_options
 from splatcl.program import BuildError, Text
 from splatcl.settings import RenderSettings
 
@@ -23,7 +24,7 @@ ERROR = re.compile(
 """An error of a build log: PoCL puts the word before the place, others after it."""
 
 
-def run(passes: Passes, channels: Channels, *args: Any, color: Any) -> None:
+def run(passes: Passes, channels: Channels, *args: Any) -> None:
     """Run the settings' shader over the image.
 
     Parameters
@@ -31,7 +32,7 @@ def run(passes: Passes, channels: Channels, *args: Any, color: Any) -> None:
     passes : Passes
     channels : mapping
         What the frame has besides, which becomes the fields of ``s.attribute``.
-    *args, color
+    *args
         Of the kernel.
 
     Raises
@@ -44,7 +45,7 @@ def run(passes: Passes, channels: Channels, *args: Any, color: Any) -> None:
     places = {name: (images.index(image), k) for name, (image, k) in channels.items()}
     try:
         passes.run(
-            "user", size, *args, color, *images, LANES=1, RESOLVED=1,
+            "user", size, *args, *images, LANES=1, RESOLVED=1, **light_options(settings),
             ATTRIBUTES=Text(_declarations(places, len(images))), USER_SHADER=Text(_code(settings)),
         )  # fmt: skip
     except BuildError as error:

@@ -24,6 +24,7 @@ LIGHTS = {
         Light("directional", (-1.0, 0.5, 0.5), (0.0, 0.3, 0.9)),
         Light("headlight", color=(0.2, 0.2, 0.2)),
     ),
+    "spot": (Light("spot", (0.5, 1.0, 2.5), (0.9, 0.5, 0.2), direction=(-0.1, -0.4, -1.0), inner=15.0, outer=40.0),),
     "none": (),
 }
 
@@ -61,7 +62,7 @@ def to_lights(want, camera, settings):
     """Yield N.L of every light at every pixel; the specular term jumps where it changes its sign."""
     for light in settings.lights:
         vector = camera.eye_from_world[:3, :3] @ light.vector
-        if light.kind == "point":
+        if light.has_place:
             vector = vector + camera.eye_from_world[:3, 3] - want["P"]
         elif light.kind == "headlight":
             vector = -want["P"] if camera.projection == "perspective" else np.array([0, 0, -1.0])

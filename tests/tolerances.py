@@ -297,3 +297,29 @@ them, and in cosines."""
 
 BOUND_SLACK_SURVEY = 1e-7
 """The same at coordinates of 5e6, which float64 rounds by up to 5e-10, in error bounds of 0.1."""
+# ---- lights
+
+SHADOW_GAP = 1e-5
+"""Scene units between a place and map + bias within which a lookup may fall either way, for scenes of size 3: a place
+and its depth in the light's space are off by a few float32 roundings of 3 (seen: 5e-7). Times 2^-29 in float64."""
+
+SHADOW_TEXELS = 1e-3
+"""Texels from a texel's edge within which the nearest lookup may ask its neighbour: the same error in maps of 64
+(seen: 2e-5)."""
+
+SHADOWED_EITHER = 0.02
+"""Largest share of the covered pixels that those two and the maps' own margins may leave out (seen: 0.6 %)."""
+
+SHADOWED_SINGLE = 2e-5
+"""Colours outside of those: filtered lookups change by one over one texel, whose place is off by 1e-5 (seen: 4e-6)."""
+
+LIGHTMAP_SINGLE = 2e-6
+"""Colours from the light map against the same lookups in float64: a place on the map is off by 64 roundings of 2^-24,
+and the lights' sum changes by 0.03 from one sample to the next (seen: 3e-7)."""
+
+LIGHTMAP_PHONG = 0.012
+"""Diffuse and specular sums of lights of colour 1 against exact Phong, for a shininess of 32: samples are h = 0.016 to
+0.04 apart, the highlight's curvature 32 makes 32 h^2 / 8, the diffuse light's edge h / 4 (seen: 0.006)."""
+
+ENVIRONMENT = 0.01
+"""Irradiance of an even environment: 16 rows of lights are a sum for an integral (seen: 0.002)."""

@@ -51,8 +51,8 @@ app = App(
     version=_version,
     help_format="plaintext",
     suppress_keyboard_interrupt=False,
-    # No --no-... flags; a tuple takes all the values that follow; lights are for Python only; a user's shader is a
-    # text there and a file here.
+    # No --no-... flags; a tuple takes all the values that follow; lights are texts here (--light), a user's shader
+    # is a file.
     default_parameter=Parameter(negative=(), consume_multiple=True, parse=re.compile("^(?!lights|user_shader)")),
 )
 COMMANDS = {

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from cyclopts import Parameter
 
+from splatcl.cli.light import with_lights
 from splatcl.cli.user_shader import with_user_shader
 from splatcl.cli.view import View, read_scan
 from splatcl.errors import CheckError, SettingsError
@@ -34,6 +35,7 @@ def render(
     view: Annotated[View | None, Parameter(name="*", group="Camera")] = None,
     settings: Annotated[RenderSettings | None, Parameter(name="*", group="Settings")] = None,
     user_shader: Annotated[Path | None, Parameter(parse=True, group="Settings")] = None,
+    light: Annotated[list[str] | None, Parameter(consume_multiple=False, group="Settings")] = None,
     on_invalid: OnInvalid = "error",
     device: str | None = None,
     tile_size: int = 16,
@@ -56,6 +58,9 @@ def render(
         Stops, for the PNG.
     user_shader : path
         File of OpenCL C with a function float4 shade(const Surface s, const Scene scene); sets --shader user.
+    light : str
+        A light, such as kind=spot,vector=0:2:1,direction=0:-1:0,color=1:1:1,shadow=pcf (docs/lights.md), in place of
+        the headlight; give the option again for each further light.
     on_invalid : str
         What to do with splats that have non-finite numbers or no area.
     device : str
@@ -76,7 +81,8 @@ def render(
     outputs = check_outputs(output, png, exposure)
     if (margin or envelope) and all(path.suffix.lower() != ".exr" for path in outputs):
         raise SettingsError("--margin and --envelope are for .exr: give -o FILE.exr")
-    view, settings = view or View(), with_user_shader(settings or RenderSettings(), user_shader)
+    view = view or View()
+    settings = with_lights(with_user_shader(settings or RenderSettings(), user_shader), light)
     if settings.supersampling > 1 and (check or margin or envelope):
         raise SettingsError("--check, --margin and --envelope are of single samples: leave out --supersampling")
     camera = view.file_camera()

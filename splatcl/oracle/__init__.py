@@ -34,6 +34,8 @@ import numpy as np
 from splatcl.camera import Camera
 from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect, _out_of_range
 from splatcl.oracle.ellipses import _Ellipses, _ellipses, _footprint, _within
+from splatcl.oracle.light_view import shadow_maps
+from splatcl.oracle.lightmap import gathered
 from splatcl.oracle.project import ProjectedSplats, _disc_bounds, _prefilter_point, bin, project
 from splatcl.oracle.raster import DepthBuffer, GBuffer, _depth_margin, _prefilter, _weight, attributes, visibility
 from splatcl.oracle.rays import (
@@ -57,6 +59,7 @@ from splatcl.oracle.rays import (
     _s_center,
 )
 from splatcl.oracle.shade import _phong, _to_light, color, shade
+from splatcl.oracle.shadow import Lookup, ShadowMap, lookup
 from splatcl.oracle.supersampling import averaged, enlarged
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
@@ -73,7 +76,9 @@ __all__ = [
     "Array",
     "DepthBuffer",
     "GBuffer",
+    "Lookup",
     "ProjectedSplats",
+    "ShadowMap",
     "_Discs",
     "_Ellipses",
     "_Hits",
@@ -105,10 +110,13 @@ __all__ = [
     "bin",
     "color",
     "enlarged",
+    "gathered",
+    "lookup",
     "passes",
     "project",
     "render",
     "shade",
+    "shadow_maps",
     "visibility",
 ]
 
@@ -134,8 +142,9 @@ def passes(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
         means = np.nan_to_num(gbuffer.channel_sum / gbuffer.weight_sum[..., None])
     named = {name: means[..., k] for k, name in enumerate(names)}
     pixel_gloss = _gloss(named, settings, gbuffer.weight_sum.shape)
+    shadows = shadow_maps(splats, settings, epsilon)
     return {
-        **shade(gbuffer, depth, camera, settings, pixel_gloss, epsilon),
+        **shade(gbuffer, depth, camera, settings, pixel_gloss, epsilon, shadows),
         "Z": depth.depth,
         "weight": gbuffer.weight_sum,
         "count": gbuffer.count,

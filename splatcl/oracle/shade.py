@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,7 +10,9 @@ import numpy as np
 from splatcl.camera import Camera
 from splatcl.errors import SettingsError
 from splatcl.lights import Light
+from splatcl.oracle.lightmap import lightmap
 from splatcl.oracle.rays import Array, _image, _normalize, _ray_length, _rays
+from splatcl.oracle.shadow import Shadows, lookup
 from splatcl.settings import RenderSettings
 
 if TYPE_CHECKING:
@@ -23,10 +26,12 @@ def shade(
     settings: RenderSettings,
     gloss: Array | None = None,
     epsilon: float = 0.0,
+    shadows: Shadows = (),
 ) -> dict[str, Array]:
     """Resolve the G-buffer and light each pixel once.
 
-    `gloss` (H, W, 2) is specular and shininess of each pixel; `epsilon`, scene units, is for contours alone.
+    `gloss` (H, W, 2) is specular and shininess of each pixel; `epsilon`, scene units, is for contours alone; `shadows`
+    are the lights' maps (`shadow_maps`), none where omitted.
 
     Returns
     -------
@@ -47,7 +52,7 @@ def shade(
     else:
         position = np.where(covered[..., None], np.concatenate([s[..., :2], z_covered], axis=-1), 0.0)
     return {
-        "color": color(position, normal, albedo, covered, camera, settings, gloss, epsilon),
+        "color": color(position, normal, albedo, covered, camera, settings, gloss, epsilon, shadows),
         "P": position,
         "N": normal,
         "albedo": albedo,
@@ -65,6 +70,7 @@ def color(
     settings: RenderSettings,
     gloss: Array | None = None,
     epsilon: float = 0.0,
+    shadows: Shadows = (),
 ) -> Array:
     """(H, W, 4) linear RGBA of the AOVs P, N and albedo (H, W, 3) where `covered` (H, W); the rest as for `shade`."""
     if settings.shader == "user":
@@ -74,9 +80,9 @@ def color(
     elif settings.shader == "depth":
         rgb = np.repeat(_nearness(position[..., 2], covered, camera)[..., None], 3, axis=-1)
     elif settings.shader == "npr":
-        rgb = _npr(position, normal, albedo, covered, camera, settings, epsilon)
+        rgb = _npr(position, normal, albedo, covered, camera, settings, epsilon, shadows)
     else:
-        rgb = shade_points(position, normal, albedo, camera, settings, gloss)
+        rgb = shade_points(position, normal, albedo, camera, settings, gloss, shadows)
     rgba = np.concatenate([rgb, np.ones((*covered.shape, 1))], axis=-1)
     return np.where(covered[..., None], rgba, 0.0)
 
@@ -98,12 +104,12 @@ def _npr(
     camera: Camera,
     settings: RenderSettings,
     epsilon: float,
+    shadows: Shadows,
 ) -> Array:
     """(H, W, 3) albedo times the tone that the diffuse light chooses, or the line's colour."""
     npr, light, to_eye = settings.npr, np.zeros(normal.shape), _to_eye(position, camera)
-    for one in settings.lights:
-        n_l = (normal * _to_light(one, position, to_eye, camera)).sum(axis=-1, keepdims=True)
-        light += np.maximum(n_l, 0.0) * one.color
+    for to_light, tint in _arriving(position, to_eye, camera, settings, shadows):
+        light += np.maximum((normal * to_light).sum(axis=-1, keepdims=True), 0.0) * tint
     place = np.floor(np.clip(light, 0.0, 1.0) * len(npr.tones)).astype(int)
     tone = np.array(npr.tones)[np.minimum(place, len(npr.tones) - 1)]
     jump = _jumps(np.where(covered, position[..., 2], np.inf))
@@ -124,14 +130,23 @@ def _jumps(z: Array) -> Array:
 
 
 def shade_points(
-    position: Array, normal: Array, albedo: Array, camera: Camera, settings: RenderSettings, gloss: Array | None = None
+    position: Array,
+    normal: Array,
+    albedo: Array,
+    camera: Camera,
+    settings: RenderSettings,
+    gloss: Array | None = None,
+    shadows: Shadows = (),
 ) -> Array:
-    """(..., 3) linear RGB of points of a surface, each by itself; `gloss` as for `shade`, (..., 2)."""
+    """(..., 3) linear RGB of points of a surface, each by itself; `gloss` as for `shade`, (..., 2), `shadows` too."""
     if settings.shader == "albedo":
         return albedo
     if settings.shader == "normal":
         return 0.5 + 0.5 * normal * (1.0, -1.0, -1.0)
-    return _phong(position, normal, albedo, _to_eye(position, camera), camera, settings, gloss)
+    to_eye = _to_eye(position, camera)
+    if settings.shader == "lightmap":
+        return _from_lightmap(normal, albedo, to_eye, camera, settings, gloss)
+    return _phong(position, normal, albedo, to_eye, camera, settings, gloss, shadows)
 
 
 def _to_eye(position: Array, camera: Camera) -> Array:
@@ -139,6 +154,29 @@ def _to_eye(position: Array, camera: Camera) -> Array:
     if camera.projection == "orthographic":
         return np.broadcast_to([0.0, 0.0, -1.0], position.shape)
     return _normalize(-position)
+
+
+def _from_lightmap(
+    normal: Array, albedo: Array, to_eye: Array, camera: Camera, settings: RenderSettings, gloss: Array | None
+) -> Array:
+    """(..., 3) Phong with the light map's sums; ambient light alone where there is no normal."""
+    material = settings.material
+    diffuse, specular = lightmap(normal, to_eye, camera, settings)
+    strength: Array | float = material.specular if gloss is None else gloss[..., :1]
+    lit = albedo * material.diffuse * diffuse + strength * specular
+    return albedo * material.ambient + np.where(normal.any(axis=-1, keepdims=True), lit, 0.0)
+
+
+def _arriving(
+    position: Array, to_eye: Array, camera: Camera, settings: RenderSettings, shadows: Shadows
+) -> Iterator[tuple[Array, Array]]:
+    """Yield for each light (..., 3) unit vectors toward it, and (..., 3) the light that arrives."""
+    for i, light in enumerate(settings.lights):
+        to_light = _to_light(light, position, to_eye, camera)
+        tint = _cone(light, to_light, camera) * light.color
+        if shadows and (shadow_map := shadows[i]):
+            tint = tint * lookup(shadow_map, position, camera).share[..., None]
+        yield to_light, tint
 
 
 def _phong(
@@ -149,19 +187,19 @@ def _phong(
     camera: Camera,
     settings: RenderSettings,
     gloss: Array | None,
+    shadows: Shadows,
 ) -> Array:
     """(H, W, 3) albedo (ambient + diffuse sum max(N.L, 0)) + specular sum max(R.V, 0)^shininess."""
     material = settings.material
     strength: Array | float = material.specular if gloss is None else gloss[..., :1]
     shininess: Array | float = material.shininess if gloss is None else gloss[..., 1:]
     diffuse, specular = np.zeros(normal.shape), np.zeros(normal.shape)
-    for light in settings.lights:
-        to_light = _to_light(light, position, to_eye, camera)
+    for to_light, tint in _arriving(position, to_eye, camera, settings, shadows):
         n_l = (normal * to_light).sum(axis=-1, keepdims=True)
         mirrored = 2 * n_l * normal - to_light
         r_v = np.maximum((mirrored * to_eye).sum(axis=-1, keepdims=True), 0.0)
-        diffuse += np.maximum(n_l, 0.0) * light.color
-        specular += np.where(n_l > 0, r_v**shininess, 0.0) * light.color
+        diffuse += np.maximum(n_l, 0.0) * tint
+        specular += np.where(n_l > 0, r_v**shininess, 0.0) * tint
     return albedo * (material.ambient + material.diffuse * diffuse) + strength * specular
 
 
@@ -173,3 +211,12 @@ def _to_light(light: Light, position: Array, to_eye: Array, camera: Camera) -> A
     if light.kind == "directional":
         return np.broadcast_to(_normalize(vector), position.shape)
     return _normalize(vector + camera.eye_from_world[:3, 3] - position)
+
+
+def _cone(light: Light, to_light: Array, camera: Camera) -> Array:
+    """(..., 1) how much of a spot's light goes this way: linear in the cosine between its two angles."""
+    if light.kind != "spot":
+        return np.ones((*to_light.shape[:-1], 1))
+    direction = _normalize(camera.eye_from_world[:3, :3] @ light.direction)
+    inner, outer = np.cos(np.radians([light.inner, light.outer]))
+    return np.clip(((-to_light @ direction)[..., None] - outer) / max(inner - outer, 1e-30), 0.0, 1.0)
