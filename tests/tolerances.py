@@ -267,7 +267,7 @@ MASKED_METHODS = 0.02
 1.7 % with the eye among the discs, below 0.5 % otherwise)."""
 
 SINGLE_METHODS = 4e-6
-"""Depth, relative: DEPTH_RELATIVE, twice that with discs about the eye, where DEPTH_UNITS allows more (seen: 2.3e-6)."""
+"""Depth, relative: DEPTH_RELATIVE, twice that with discs about the eye, as DEPTH_UNITS allows (seen: 2.3e-6)."""
 
 COLOR_LIT = 3e-5
 """Phong's power multiplies a normal's error by the shininess (seen: 2.3e-6)."""
