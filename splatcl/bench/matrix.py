@@ -12,7 +12,7 @@ from typing import Literal, get_args
 
 from splatcl.errors import SettingsError
 from splatcl.lights import Light
-from splatcl.settings import Facing, RenderSettings, Shader
+from splatcl.settings import METHODS, Facing, RenderSettings, Shader
 
 Model = Literal["sphere", "scan"]
 Order = Literal["coherent", "shuffled"]
@@ -66,15 +66,29 @@ class Row:
 
 
 BASE = RenderSettings(facing="cull")
+USER_SHADER = "float4 shade(const Surface s, const Scene scene) { return (float4)(s.albedo * -s.normal.z, 1.0f); }"
+"""The least that a user would write."""
+
+
+def _shaded(shader: Shader) -> RenderSettings:
+    return replace(BASE, shader=shader, user_shader=USER_SHADER if shader == "user" else "")
+
+
 FACTORS: tuple[Row, ...] = (
     Row(0, BASE, "shuffled", order="shuffled"),
     Row(0, BASE, "1920x1080", width=1920, height=1080),
     Row(0, replace(BASE, prefilter="none"), "no pre-filter"),
-    *(Row(0, replace(BASE, shader=shader), shader) for shader in get_args(Shader) if shader != BASE.shader),
+    *(Row(0, _shaded(shader), shader) for shader in get_args(Shader) if shader != BASE.shader),
     Row(0, replace(BASE, lights=THREE_LIGHTS), "3 lights"),
     Row(0, replace(BASE, precision="double"), "double"),
     Row(0, replace(BASE, along="ray"), "epsilon along ray"),
     Row(0, BASE, "scan", model="scan"),
+    *(Row(0, RenderSettings(method=method, facing="cull"), method) for method in METHODS if method != BASE.method),
+    Row(0, replace(BASE, footprint="conic"), "conic"),
+    Row(0, replace(BASE, shading="fragment"), "Phong by fragment"),
+    Row(0, replace(BASE, shading="splat"), "Gouraud"),
+    Row(0, replace(BASE, target="float16"), "float16"),
+    Row(0, replace(BASE, target="unorm8"), "unorm8"),
 )
 """Each is compared with the base row of its size."""
 
