@@ -51,6 +51,13 @@ class GoldenScene:
         """Whether its name says so."""
         return self.name.startswith("tiny")
 
+    @property
+    def plain(self) -> bool:
+        """Whether it is of [BHZK05]'s method alone, with splats that have nothing further."""
+        wanted, splats = self.settings, self.splats
+        usual = (wanted.method, wanted.footprint, wanted.target) == ("botsch05", "raycast", "auto")
+        return usual and splats.clip is None and not splats.attributes
+
 
 @cache
 def scenes() -> tuple[GoldenScene, ...]:
