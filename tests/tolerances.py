@@ -240,7 +240,7 @@ FEATURE_SPILL = 2e-6
 # ---- the papers' claims, rerun
 
 KERNEL_AREA = 0.02
-"""Relative: a kernel's area in pixels, of an ellipse of over 70, against its closed form: counting errors of the rim."""
+"""Relative: a kernel's area in pixels, of an ellipse of over 70, against its closed form: counting errors of rims."""
 
 MOMENT_RELATIVE = 2e-3
 """Second moments of a Gaussian of 4 pixels' deviation, sampled at pixel centres and cut at 6 deviations."""
