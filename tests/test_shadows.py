@@ -19,9 +19,10 @@ from tolerances import (
     SHADOWED_SINGLE,
 )
 
-from splatcl import Camera, Light, Material, RenderSettings, Splats, oracle
+from splatcl import Camera, Frame, Light, Material, RenderSettings, Splats, oracle
 from splatcl.errors import SettingsError, SplatclError
 from splatcl.io.exr import read_exr
+from splatcl.lights import Npr
 
 CASTING = (
     Light("directional", (0.3, 2.0, 1.5), (1.0, 0.0, 0.0), shadow="nearest", map_size=64),
@@ -139,3 +140,48 @@ def test_what_has_no_shadow_map_is_refused(renderer, device):
         DevicePasses(device, random_ellipses(num=3), CAMERAS["off_center"], SETTINGS).shade(make_sums())
     with pytest.raises(SettingsError, match="choose shading='deferred', or shadow='none'"):
         replace(SETTINGS, shading="fragment")
+
+
+def test_every_shader_that_asks_for_lights_asks_for_their_shadows(renderer):
+    """A user's shader sees what Phong sees; npr is the oracle's."""
+    camera, splats = CAMERAS["off_center"], random_ellipses(num=150)
+    diffuse = replace(SETTINGS, lights=CASTING[:1], material=Material(0.0, 1.0, 0.0, 1.0))
+    code = """float4 shade(const Surface s, const Scene scene) {
+      const Light l = light_at(s, scene, 0);
+      return (float4)(s.albedo * l.color * max(dot(s.normal, l.toward), 0.0f), 1.0f); }"""
+    phong = renderer.render(splats, camera, diffuse)
+    user = renderer.render(splats, camera, replace(diffuse, shader="user", user_shader=code))
+    np.testing.assert_allclose(user.color, phong.color, atol=SHADOWED_SINGLE)
+    settings = replace(diffuse, shader="npr", npr=Npr(tones=(0.0, 0.25, 0.5, 1.0), contour=100.0, silhouette=-1.0))
+    got, want = renderer.render(splats, camera, settings), oracle.passes(splats, camera, settings, EPSILON)
+    different = np.abs(got.color - want["color"]).max(axis=-1) > SHADOWED_SINGLE
+    assert np.count_nonzero(different) <= SHADOWED_EITHER * np.count_nonzero(want["weight"])
+    without = renderer.render(splats, camera, replace(settings, lights=(replace(CASTING[0], shadow="none"),)))
+    assert np.count_nonzero((got.color != without.color).any(axis=-1)) > 20
+
+
+def test_a_frame_with_its_splats_is_lit_again_with_shadows(renderer, tmp_path):
+    """The bits are those of a fresh render; a loaded frame has no splats that could cast any."""
+    camera, splats = CAMERAS["off_center"], random_ellipses(num=60)
+    plain = renderer.render(splats, camera, replace(SETTINGS, lights=(Light(),)))
+    again = plain.shade(lights=CASTING)
+    fresh = renderer.render(splats, camera, SETTINGS)
+    np.testing.assert_array_equal(again.color, fresh.color)
+    assert again.metadata["shadow_bias"] == fresh.metadata["shadow_bias"]
+    fresh.save(tmp_path / "frame.exr")
+    loaded = Frame.load(tmp_path / "frame.exr")
+    assert loaded.settings.lights == CASTING
+    with pytest.raises(SplatclError, match="shadows are cast by splats, which are not at hand here"):
+        loaded.shade(material=Material(0.5))
+    np.testing.assert_array_equal(loaded.shade(lights=(Light(),)).color, plain.color)
+
+
+def test_supersampled_shadows_are_those_of_the_large_image(renderer):
+    """One map for all windows: a frame of 2x2 samples is the mean of one that is twice as large."""
+    splats, camera, settings = random_ellipses(num=60), CAMERAS["off_center"], SETTINGS
+    doubled = {name: 2 * getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
+    large = renderer.render(splats, replace(camera, **doubled), settings).color.astype(np.float64)
+    mean = large.reshape(camera.height, 2, camera.width, 2, 4).mean(axis=(1, 3))
+    got = renderer.render(splats, camera, replace(settings, supersampling=2))
+    np.testing.assert_allclose(got.color, mean, atol=SHADOWED_SINGLE)
+    assert got.metadata["shadow_bias"][1] == 0.05
