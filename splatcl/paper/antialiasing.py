@@ -90,7 +90,8 @@ def _claims(quality: dict[str, Any], error: dict[str, Any]) -> tuple[Claim, ...]
         Claim(
             "The min filter's quality is comparable to EWA's.",
             f"{quality['min']:.1f} dB, EWA of a low-pass as wide {quality['EWA/2']:.1f} dB, none {quality['none']:.1f} "
-            f"dB; of aliasing, {error['min']:.1f}%, {error['EWA/2']:.1f}% and {error['none']:.1f}% are left.",
+            f"dB; EWA's own, wider low-pass blurs more, {quality['EWA']:.1f} dB. Of aliasing, "
+            f"{error['min']:.1f}%, {error['EWA/2']:.1f}% and {error['none']:.1f}% are left.",
             abs(quality["min"] - quality["EWA/2"]) < 1 and error["min"] < error["none"] / 2,
         ),
         Claim(
