@@ -25,7 +25,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_there_are_examples():
-    assert len(PYTHON) == 2 and len(COMMANDS) == 5
+    assert len(PYTHON) == 2 and len(COMMANDS) == 7
 
 
 @pytest.mark.parametrize("code", PYTHON)
