@@ -26,6 +26,8 @@ TOLERANCE = 32.0
 """Default tolerance, in units of each decision's own rounding error."""
 MAX_STEPS = 64
 """Steps after which a bound of a weighted mean falls back to that of its values."""
+COARSE = ("float16", "unorm8")
+"""Targets whose sums have no useful bounds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,97 +60,154 @@ def envelope(
     dict
         "Z.lo", "Z.hi", "weight.lo", "weight.hi" (H, W); "albedo.lo", "albedo.hi", "N.lo", "N.hi" (H, W, 3);
         float32, rounded outward. Z.hi is +inf where a pixel may have no hit; albedo and N include 0 where it
-        may be uncovered.
+        may be uncovered. No albedo where what is blended is lit already (`shading`).
 
     Raises
     ------
     SettingsError
-        The tolerance is out of range.
+        The tolerance is out of range, or the target's sums have no such bounds.
     """
-    check_tolerance(tolerance)
+    check(settings, tolerance)
     num_pixels = camera.height * camera.width
     low, high = np.zeros((num_pixels, 8)), np.zeros((num_pixels, 8))  # Z, weight, albedo, N
     low[:, 0] = high[:, 0] = np.inf
     projected = oracle.project(splats, camera, settings)
-    values = np.hstack([splats.color.astype(np.float64), projected.normal_eye])
-    unsure_facing = np.abs(projected.facing_margin) <= tolerance
+    color = splats.color.astype(np.float64)
     offset_error = 4.0 * max(camera.width, camera.height)
     for pairs in bands(projected, camera, settings):
         f = fragments(pairs, projected, camera, settings, epsilon, offset_error)
-        low[pairs.pixel, 0], high[pairs.pixel, 0] = z_low, z_high = _depth(pairs, f, tolerance)
-        choices, never_empty = _choices(pairs, f, settings, tolerance, z_low, z_high)
+        choices, never_empty, depth = _choices(pairs, f, settings, tolerance)
+        low[pairs.pixel, 0], high[pairs.pixel, 0] = depth
         low[pairs.pixel, 1], high[pairs.pixel, 1] = _weights(pairs, choices)
-        own = values[pairs.splat]
-        flipped = np.where(unsure_facing[pairs.splat, None], -own[:, 3:], own[:, 3:])
-        least = np.hstack([own[:, :3], np.minimum(own[:, 3:], flipped)])
-        most = np.hstack([own[:, :3], np.maximum(own[:, 3:], flipped)])
+        own, normals = color[pairs.splat], _normals(pairs, f, projected, settings, tolerance)
+        least, most = (np.hstack([own, end]) for end in normals)
         mean_low = -np.stack([_greatest_mean(pairs, choices, -least[:, k]) for k in range(6)], axis=1)
         mean_high = np.stack([_greatest_mean(pairs, choices, most[:, k]) for k in range(6)], axis=1)
         mean_low[:, 3:], mean_high[:, 3:] = _normalized(mean_low[:, 3:], mean_high[:, 3:])
         zero = ~never_empty[:, None]
         low[pairs.pixel, 2:] = np.where(zero, np.minimum(mean_low, 0.0), mean_low)
         high[pairs.pixel, 2:] = np.where(zero, np.maximum(mean_high, 0.0), mean_high)
-    return _named(low, high, camera)
+    return bounded(_named(low, high, camera), settings)
 
 
-def check_tolerance(tolerance: float) -> None:
-    """Raise `SettingsError` where the tolerance is out of range."""
+def check(settings: RenderSettings, tolerance: float) -> None:
+    """Raise `SettingsError` where there is no envelope of such a frame."""
     if not 0 < tolerance <= MAX_MARGIN:
         raise SettingsError(f"tolerance {tolerance} must be above 0 and at most {MAX_MARGIN:g}")
+    if settings.target in COARSE:
+        raise SettingsError(
+            f"target={settings.target!r} has no envelope: its sums are rounded so coarsely after every step that their "
+            "bounds would say nothing; choose target='float32'"
+        )
 
 
-def _depth(pairs: Pairs, f: Fragments, tolerance: float) -> tuple[Array, Array]:
-    """(P,) least and greatest visibility depth."""
-    error = tolerance * UNIT * f.scale_z
-    low = pairs.least(np.where(f.hit_margin > -tolerance, f.hit_z - error, np.inf))
-    high = pairs.least(np.where(f.hit_margin > tolerance, f.hit_z + error, np.inf))
-    return low, high
+def bounded(named: dict[str, NDArray[np.float32]], settings: RenderSettings) -> dict[str, NDArray[np.float32]]:
+    """Return the bounds of what a frame has: no albedo where what is blended is lit already."""
+    return {name: image for name, image in named.items() if settings.shading == "deferred" or name[:6] != "albedo"}
+
+
+@dataclass(frozen=True, eq=False)
+class _States:
+    """What may be of each pair, (K,) bool each."""
+
+    disc_sure: Array
+    disc_possible: Array
+    hit_sure: Array
+    hit_possible: Array
+    drawn_sure: Array
+    drawn_possible: Array
+    filter_sure: Array
+    filter_possible: Array
+
+    @classmethod
+    def of(cls, f: Fragments, tolerance: float) -> _States:
+        parts = (f.disc, f.hit, f.drawn, f.filter)
+        return cls(*(part.margin > side for part in parts for side in (tolerance, -tolerance)))
+
+
+def _depths(f: Fragments, may: _States, tolerance: float) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return the (K,) least and greatest depth of each hit, and of each fragment, if there is one.
+
+    The disc's where that may be hit, the centre's where it may be missed: by what the footprint holds beside it, or
+    what the pre-filter does.
+    """
+    error, center_error = tolerance * UNIT * f.disc.scale_z, tolerance * UNIT * np.abs(f.center_z)
+    disc_low = np.where(may.disc_possible, f.disc.z - error, np.inf)
+    disc_high = np.where(may.disc_possible, f.disc.z + error, -np.inf)
+    ends = []
+    for beside in (np.full(len(error), f.of_ellipses), may.filter_possible | f.of_ellipses):
+        by_center = beside & ~may.disc_sure
+        low = np.minimum(disc_low, np.where(by_center, f.center_z - center_error, np.inf))
+        high = np.maximum(disc_high, np.where(by_center, f.center_z + center_error, -np.inf))
+        ends.append((low, high))
+    return ends[0], ends[1]
 
 
 def _choices(
-    pairs: Pairs, f: Fragments, settings: RenderSettings, tolerance: float, z_low: Array, z_high: Array
-) -> tuple[_Choices, Array]:
-    """Say what each pair may contribute, and (P,) which pixels are covered in any case."""
-    hit_sure, hit_possible = f.hit_margin > tolerance, f.hit_margin > -tolerance
-    filter_sure, filter_possible = f.filter_margin > tolerance, f.filter_margin > -tolerance
-    error, center_error = tolerance * UNIT * f.scale_z, tolerance * UNIT * np.abs(f.center_z)
-    by_center = ~hit_sure & filter_possible
-    low = np.minimum(
-        np.where(hit_possible, f.hit_z - error, np.inf), np.where(by_center, f.center_z - center_error, np.inf)
-    )
-    high = np.maximum(
-        np.where(hit_possible, f.hit_z + error, -np.inf), np.where(by_center, f.center_z + center_error, -np.inf)
-    )
-    hit_low = np.where(hit_possible, f.hit_z - error, np.inf)
+    pairs: Pairs, f: Fragments, settings: RenderSettings, tolerance: float
+) -> tuple[_Choices, Array, tuple[Array, Array]]:
+    """Say what each pair may contribute, (P,) which pixels are covered in any case, and (P,) bounds of their depth."""
+    may = _States.of(f, tolerance)
+    (hit_low, hit_high), (low, high) = _depths(f, may, tolerance)
+    hit_low, sure_high = np.where(may.hit_possible, hit_low, np.inf), np.where(may.hit_sure, hit_high, np.inf)
+    depth = pairs.least(hit_low), pairs.least(sure_high)
+    z_low, z_high = (end[pairs.run] for end in depth)
     # A splat in front of all others in any case sets depth(p) itself and is accepted; else one of those that may.
-    is_first = hit_low == pairs.least(hit_low)[pairs.run]
+    is_first = hit_low == z_low
     second = pairs.least(np.where(is_first, np.inf, hit_low))[pairs.run]
     alone = pairs.total(is_first.astype(np.int64))[pairs.run] == 1
-    front = hit_sure & is_first & alone & (f.hit_z + error < second)
+    front = may.hit_sure & may.drawn_sure & is_first & alone & (hit_high < second)
     slack = 2 * tolerance * UNIT * f.tolerance
-    sure = (hit_sure | filter_sure) & (high <= z_low[pairs.run] + f.tolerance - slack) | front
-    possible = (hit_possible | filter_possible) & (low <= z_high[pairs.run] + f.tolerance + slack)
-    weight_low, weight_high = _pair_weights(f, settings, tolerance)
-    may_be_front = hit_possible & (hit_low <= z_high[pairs.run])
+    sure = (may.drawn_sure | may.filter_sure) & (high <= z_low + f.tolerance - slack) | front
+    possible = (may.drawn_possible | may.filter_possible) & (low <= z_high + f.tolerance + slack)
+    weight_low, weight_high = _pair_weights(f, may, settings, tolerance)
+    may_be_front = may.hit_possible & (hit_low <= z_high)
     choices = _Choices(sure, possible & (weight_high > 0), weight_low, weight_high)
-    certain = np.isfinite(z_high) & (pairs.least(np.where(may_be_front, weight_low, np.inf)) > 0)
-    return choices, certain | (pairs.total(np.where(sure, weight_low, 0.0)) > 0)
+    drawn_if_hit = may.drawn_sure | (f.drawn is f.hit)
+    certain = pairs.least(np.where(may_be_front, np.where(drawn_if_hit, weight_low, 0.0), np.inf)) > 0
+    covered = np.isfinite(depth[1]) & certain | (pairs.total(np.where(sure, weight_low, 0.0)) > 0)
+    return choices, covered, depth
 
 
-def _pair_weights(f: Fragments, settings: RenderSettings, tolerance: float) -> tuple[Array, Array]:
+def _pair_weights(f: Fragments, may: _States, settings: RenderSettings, tolerance: float) -> tuple[Array, Array]:
     """(K,) least and greatest weight of each fragment, if it exists."""
-    hit_sure, hit_possible = f.hit_margin > tolerance, f.hit_margin > -tolerance
-    filter_sure, filter_possible = f.filter_margin > tolerance, f.filter_margin > -tolerance
-    e3, e2 = tolerance * UNIT * f.scale_r3, tolerance * UNIT * f.scale_r2
-    r_low = np.minimum(np.where(hit_possible, f.r3 - e3, 1.0), np.where(filter_possible, f.r2 - e2, 1.0))
-    r_high = np.minimum(np.where(hit_sure, f.r3 + e3, 1.0), np.where(filter_sure, f.r2 + e2, 1.0))
+    error, filter_error = tolerance * UNIT * f.drawn.scale_r, tolerance * UNIT * f.filter.scale_r
+    r, r2 = f.drawn.r, f.filter.r
+    r_low = np.minimum(
+        np.where(may.drawn_possible, r - error, 1.0), np.where(may.filter_possible, r2 - filter_error, 1.0)
+    )
+    r_high = np.minimum(np.where(may.drawn_sure, r + error, 1.0), np.where(may.filter_sure, r2 + filter_error, 1.0))
     r_low, r_high = np.clip(r_low, 0.0, 1.0), np.clip(r_high, 0.0, 1.0)
     if settings.kernel == "table":
         low, high = _table_range(settings, r_low, r_high)
     else:
         low, high = oracle._weight(r_high**2, settings), oracle._weight(r_low**2, settings)
-    rounding = tolerance * UNIT * (1 + settings.cutoff**2 / 2)
-    return low * (1 - rounding), high * (1 + rounding)
+    rounding = tolerance * UNIT * (1 + settings.cutoff**2 / 2 + f.scale_factor)
+    return low * f.factor * np.maximum(1 - rounding, 0.0), high * np.minimum(f.factor * (1 + rounding), 1 + rounding)
+
+
+def _normals(
+    pairs: Pairs, f: Fragments, projected: oracle.ProjectedSplats, settings: RenderSettings, tolerance: float
+) -> tuple[Array, Array]:
+    """(K, 3) bounds of each fragment's normal: its own, or its field's; of either sign where its facing is open."""
+    low = high = projected.normal_eye[pairs.splat]
+    if settings.normals == "field":
+        low, high = _field(pairs, f, projected, tolerance)
+    unsure = (np.abs(projected.facing_margin) <= tolerance)[pairs.splat, None]
+    return np.where(unsure, np.minimum(low, -high), low), np.where(unsure, np.maximum(high, -low), high)
+
+
+def _field(pairs: Pairs, f: Fragments, projected: oracle.ProjectedSplats, tolerance: float) -> tuple[Array, Array]:
+    """(K, 3) bounds of fields' normals: where the ray meets the disc, or the centre's where it may miss that."""
+    normal, along_u, along_v = (a[pairs.splat] for a in (projected.normal_eye, projected.field_u, projected.field_v))
+    possible, sure = f.disc.margin[:, None] > -tolerance, f.disc.margin[:, None] > tolerance
+    u, v, scale = (np.where(possible, a[:, None], 0.0) for a in (f.disc.u, f.disc.v, f.disc.scale_r))
+    size = np.abs(along_u) + np.abs(along_v)
+    error = tolerance * UNIT * (scale * size + 4 * (np.abs(normal) + size))
+    middle = normal + u * along_u + v * along_v
+    low, high = _normalized(middle - error, middle + error)
+    low, high = np.where(possible, low, np.inf), np.where(possible, high, -np.inf)
+    return np.where(sure, low, np.minimum(low, normal)), np.where(sure, high, np.maximum(high, normal))
 
 
 def _table_range(settings: RenderSettings, r_low: Array, r_high: Array) -> tuple[Array, Array]:

@@ -51,6 +51,13 @@ class GoldenScene:
         """Whether its name says so."""
         return self.name.startswith("tiny")
 
+    @property
+    def plain(self) -> bool:
+        """Whether it is of [BHZK05]'s method alone, with splats that have nothing further."""
+        wanted, splats = self.settings, self.splats
+        usual = (wanted.method, wanted.footprint, wanted.target) == ("botsch05", "raycast", "auto")
+        return usual and splats.clip is None and not splats.attributes
+
 
 @cache
 def scenes() -> tuple[GoldenScene, ...]:
@@ -92,11 +99,39 @@ def scenes() -> tuple[GoldenScene, ...]:
         GoldenScene("tiny_nearest", tiny, tiny_camera, replace(table, kernel_lookup="nearest")),
         GoldenScene("tiny_constant", tiny, tiny_camera, RenderSettings(0.125, kernel="constant")),
         GoldenScene("tiny_orthographic", tiny, tiny_flat, ray),
+        *methods(discs, small, tiny, far, flat, tiny_camera),
     ]
     twice = ("ordinary", "near_plane", "orthographic", "sub_pixel_bounds", "table_linear", "lights", "tiny")
+    twice += ("zwicker04", "float16", "tiny_everything")
     doubled = [s for s in found if s.name in twice]
     found += [replace(s, name=f"{s.name}_double", settings=replace(s.settings, precision="double")) for s in doubled]
     return tuple(found)
+
+
+def methods(
+    discs: Splats, small: Splats, tiny: Splats, far: Camera, flat: Camera, tiny_camera: Camera
+) -> list[GoldenScene]:
+    """Return the scenes of methods other than [BHZK05]'s; settings share programs where they can, as by `cull`."""
+    conic, circles = RenderSettings(0.125, method="zwicker04"), RenderSettings(0.125, method="botsch03", lights=LIGHTS)
+    fragments = RenderSettings(0.125, method="botsch04", lights=LIGHTS, material=Material(0.125, 0.5, 0.5, 7.5))
+    deferred = replace(fragments, normals="constant", shading="deferred", facing="cull")
+    targets = RenderSettings(0.125)
+    everything = with_clip(with_attributes(with_field(tiny)))
+    return [
+        GoldenScene("zwicker04", discs, far, conic),
+        GoldenScene("zwicker01", small, far, RenderSettings(0.125, method="zwicker01", facing="cull")),
+        GoldenScene("botsch04", with_field(discs), far, replace(fragments, facing="flip")),
+        GoldenScene("botsch03", discs, far, replace(circles, facing="cull")),
+        GoldenScene("ewa_orthographic", discs, flat, replace(conic, prefilter_radius=1.5, facing="cull")),
+        GoldenScene("affine_min", small, far, RenderSettings(0.125, footprint="affine", facing="cull")),
+        GoldenScene("clip", with_clip(discs), far, RenderSettings(0.125)),
+        GoldenScene("attributes", with_attributes(discs), far, deferred),
+        GoldenScene("float16", discs, far, replace(targets, target="float16")),
+        GoldenScene("unorm8", discs, far, replace(targets, target="unorm8", half_inputs=True)),
+        GoldenScene("tiny_zwicker04", tiny, tiny_camera, conic),
+        GoldenScene("tiny_botsch03", tiny, tiny_camera, replace(circles, facing="cull")),
+        GoldenScene("tiny_everything", everything, tiny_camera, fragments),
+    ]
 
 
 def digest(frame: Frame) -> Hashes:
@@ -241,6 +276,27 @@ def tiny_discs() -> Splats:
     discs = np.tile(kinds, (4, 1, 1))
     discs[:, 0, :2] += 0.25 * random_numbers(6, 20, 2)
     return _splats(discs[:, 0], discs[:, 1], discs[:, 2], 0.5 + 0.5 * random_numbers(7, 20, 3))
+
+
+def with_field(splats: Splats) -> Splats:
+    """Return the splats with linear normal fields, as steep as one in two."""
+    du, dv = 0.5 * random_numbers(9, 2, len(splats), 3)
+    return replace(splats, normal_du=du.astype(np.float32), normal_dv=dv.astype(np.float32), on_invalid="error")
+
+
+def with_clip(splats: Splats) -> Splats:
+    """Return the splats with one or two clip lines each, which cut off most of some and nothing of others."""
+    clip = random_numbers(10, len(splats), 2, 3)
+    clip[:, :, 2] = 0.5 * clip[:, :, 2] + 0.25
+    clip[1::2, 1] = 0
+    return replace(splats, clip=clip.astype(np.float32), on_invalid="error")
+
+
+def with_attributes(splats: Splats) -> Splats:
+    """Return the splats with a gloss of their own and a further attribute."""
+    specular, shininess, height = random_numbers(11, 3, len(splats)).astype(np.float32)
+    attributes = {"specular": 0.5 + 0.5 * specular, "shininess": 8.5 + 8 * shininess, "height": height}
+    return replace(splats, attributes=attributes, on_invalid="error")
 
 
 def _splats(*columns: Any) -> Splats:

@@ -220,6 +220,7 @@ def _margins(
     num = len(ids)
     if not num:
         return []
+    settings = replace(settings, circular=False)  # the resident's splats are circles already
     projected = oracle.project(resident.splats.take(ids), camera, settings)
     ray = ((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, 1.0)
     one = np.zeros(1, np.int64)

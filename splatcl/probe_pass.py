@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from splatcl import pipeline
 from splatcl.camera import Camera
+from splatcl.lighting import shading_structs
 from splatcl.passes import PER_FRAGMENT, PREFILTERS, Passes
 from splatcl.pipeline import TileLists
 from splatcl.render import Renderer, Resident
@@ -66,7 +67,7 @@ def at_pixel(
         options = {**projected.options, **options, **OPTIONS, "PREFILTER": PREFILTERS[settings.prefilter]}
         if not reason:
             passes.run("probe_depth", (1,), *at, particleid, **options)
-        structs = pipeline.shading_structs(passes) if options["SHADING"] == PER_FRAGMENT else ()
+        structs = shading_structs(passes) if options["SHADING"] == PER_FRAGMENT else ()
         output = device.buffer(num * passes.dtypes["ProbedSplat"].itemsize)
         passes.run("probe_rows", (1,), view, *at, *arguments, output, *structs, **options)
         found = device.read(output, (num,), passes.dtypes["ProbedSplat"])

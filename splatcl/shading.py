@@ -113,12 +113,11 @@ def resolve(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> 
 
 def _run_shade(passes: Passes, kernel: str, *args: Any, **options: int) -> None:
     size = (-(-passes.camera.width // passes.lanes), passes.camera.height)
-    shader = passes.settings.shader
-    if (
-        shader == "user" or passes.settings.shading != "deferred"
-    ):  # has a file of its own; was lit before it was blended
-        shader = "albedo"
-    passes.run(kernel, size, *args, SHADER=f'"{shader}.h"', **{"GLOSS": 0, **light_options(passes.settings), **options})
+    settings = passes.settings
+    # A user's shader has a file of its own; what is not deferred was lit before it was blended.
+    shader = "albedo" if settings.shader == "user" or settings.shading != "deferred" else settings.shader
+    options = {"GLOSS": 0, **light_options(settings), **options}
+    passes.run(kernel, size, *args, SHADER=f'"{shader}.h"', **options)
 
 
 def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:

@@ -1,6 +1,6 @@
-"""How near each pixel's decisions are to flipping, and between what bounds any correct renderer must land.
+"""How near each pixel's decisions are to flipping, and what the envelope needs to know of each splat-pixel pair.
 
-The margin is the oracle's (splatcl/oracle.py), and so are the equations; here only the splat-pixel pairs that can
+The margin is the oracle's (splatcl/oracle), and so are the equations; here only the splat-pixel pairs that can
 matter are evaluated, a band of rows at a time, so that real scans take seconds. All in float64, on the host: the
 result does not depend on the device.
 """
@@ -24,7 +24,7 @@ Array = NDArray[Any]
 MAX_MARGIN = 128.0
 """Margins are given up to this many units; what could flip beyond lies outside the pairs evaluated."""
 PAIRS_PER_BAND = 1 << 20
-"""Splat-pixel pairs held in memory together (about 300 bytes each)."""
+"""Splat-pixel pairs held in memory together (about 300 bytes each, 900 of ellipses)."""
 SLACK_PIXELS = 0.02
 """Added around the bounds, so that a near miss is a pair as well."""
 
@@ -52,16 +52,15 @@ class Pairs:
 class Fragments:
     """What the oracle's equations say of each pair, (K,) each; margins are signed, in units of 2^-24."""
 
-    hit_margin: Array  # of r3 <= 1 and all else that a hit needs
-    hit_z: Array
-    scale_z: Array  # of hit_z
-    r3: Array
-    scale_r3: Array
-    filter_margin: Array  # of r2 <= 1 and all else that the pre-filter needs
-    r2: Array
-    scale_r2: Array
+    disc: oracle._Hits  # of the disc itself, which gives the depth
+    hit: oracle._Cover  # of the visibility pass
+    drawn: oracle._Cover  # of the attribute pass, without the pre-filter "min"; `hit` but for EWA
+    filter: oracle._Cover  # of the pre-filter "min"; margin -inf for none
     center_z: Array
     tolerance: Array  # epsilon along z
+    of_ellipses: bool  # a hit's ray may miss the disc; it takes the centre's depth then
+    factor: Array  # of the weight
+    scale_factor: Array  # relative
 
 
 def margin(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: float) -> tuple[Array, Array]:
@@ -70,14 +69,14 @@ def margin(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
     Parameters
     ----------
     splats, camera, settings
-        As for `render`.
+        As for `render`, but that splats under `half_inputs` are given as rounded.
     epsilon : float
         The depth tolerance that was used, scene units.
 
     Returns
     -------
     margin : (H, W) float32
-        In units of the decision's own float32 rounding error (splatcl/oracle.py), at most `MAX_MARGIN`.
+        In units of the decision's own float32 rounding error (splatcl/oracle), at most `MAX_MARGIN`.
     raw : (H, W) float32
         That decision's distance itself: of r from 1, of z from its limit in scene units; +inf where the
         margin is `MAX_MARGIN`.
@@ -97,23 +96,28 @@ def margin(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
 
 def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
     """(K,) least margin, unsigned, of each pair's decisions, and the (K,) distance it stands for."""
-    hit, filtered = f.hit_margin >= 0, f.filter_margin >= 0
-    z = np.where(hit, f.hit_z, np.inf)
+    disc, hit, drawn, filtered = (part.margin >= 0 for part in (f.disc, f.hit, f.drawn, f.filter))
+    fragment_z = np.where(disc, f.disc.z, f.center_z)
+    fragment_scale = np.where(disc, f.disc.scale_z, np.abs(f.center_z) + oracle.TINY)
+    z = np.where(hit, fragment_z, np.inf)
     depth = pairs.least(z)[pairs.run]
     front = pairs.least(np.where(hit & (z == depth), pairs.splat, NO_SPLAT))[pairs.run]
     is_front = front == pairs.splat
-    front_scale = pairs.least(np.where(is_front, f.scale_z, np.inf))[pairs.run]
-    fragment_z = np.where(hit, f.hit_z, f.center_z)
-    fragment_scale = np.where(hit, f.scale_z, np.abs(f.center_z))
-    margins, distances = [np.abs(f.hit_margin)], [np.abs(1 - np.nan_to_num(f.r3))]  # exactly edge-on: r3 is 0 / 0
+    front_scale = pairs.least(np.where(is_front, fragment_scale, np.inf))[pairs.run]
+    margins, distances = [np.abs(f.hit.margin)], [np.abs(1 - np.nan_to_num(f.hit.r))]  # exactly edge-on: r is 0 / 0
     with np.errstate(invalid="ignore", over="ignore"):
+        if f.of_ellipses:
+            margins.append(np.abs(f.drawn.margin))
+            distances.append(np.abs(1 - np.nan_to_num(f.drawn.r)))
+            margins.append(np.where(hit | drawn | filtered, np.abs(f.disc.margin), np.inf))
+            distances.append(np.abs(1 - np.nan_to_num(f.disc.r)))
         gap = np.where(hit & ~is_front, z - depth, np.inf)
-        margins.append(np.where(hit & ~is_front, gap / (UNIT * (f.scale_z + front_scale)), np.inf))
+        margins.append(np.where(hit & ~is_front, gap / (UNIT * (fragment_scale + front_scale)), np.inf))
         distances.append(gap)
-        margins.append(np.where(hit, np.inf, np.abs(f.filter_margin)))
-        distances.append(np.abs(1 - f.r2))
+        margins.append(np.where(drawn, np.inf, np.abs(f.filter.margin)))
+        distances.append(np.abs(1 - f.filter.r))
         slack = np.abs(depth + f.tolerance - fragment_z)
-        tested = (hit | filtered) & ~is_front & np.isfinite(depth)
+        tested = (drawn | filtered) & ~is_front & np.isfinite(depth)
         margins.append(np.where(tested, slack / (UNIT * (fragment_scale + front_scale + f.tolerance)), np.inf))
         distances.append(slack)
     stacked = np.stack(margins)
@@ -133,26 +137,36 @@ def fragments(
     """Evaluate the oracle's equations at each pair; `offset_error` is that of a projected centre, 2^-24 pixels."""
     own = take(projected, pairs.splat)
     own = replace(own, prefilter_error=np.maximum(own.prefilter_error, offset_error))
-    hits = oracle._intersect(replace(oracle._discs(own, camera), offset_error=offset_error), camera, pairs.s)
-    filter_margin = oracle._prefilter(own, camera, settings, pairs.s)[1]
-    if settings.prefilter == "none":
-        filter_margin = np.full(len(pairs.splat), -np.inf)
+    raster = oracle._Raster.of(own, camera, settings, offset_error)
+    disc = oracle._intersect(raster.discs, camera, pairs.s)
+    hit = drawn = _known(raster.footprint(disc, pairs.s, filtered=False))
+    nothing = np.zeros(len(pairs.splat))
+    factor, scale_factor = nothing + 1, nothing
+    if settings.prefilter == "ewa":
+        assert raster.ellipses
+        drawn = _known(raster.footprint(disc, pairs.s, filtered=True))
+        maps = raster.ellipses.maps
+        factor, scale_factor = np.nan_to_num(maps.factor), 8 * (1 + raster.discs.kappa + 1 / maps.rest)
+    absent = oracle._Cover(nothing + np.inf, nothing, nothing, nothing - np.inf)
     tolerance = np.full(len(pairs.splat), epsilon)
     if settings.along == "ray":
         tolerance /= oracle._ray_length(camera, pairs.s)
-    r2 = np.linalg.norm(oracle._raster(pairs.s, camera) - own.prefilter_point, axis=1) / settings.prefilter_radius
     return Fragments(
-        hit_margin=np.where(np.isnan(hits.margin), -np.inf, hits.margin),
-        hit_z=hits.z,
-        scale_z=hits.scale_z,
-        r3=hits.r,
-        scale_r3=hits.scale_r,
-        filter_margin=np.where(np.isnan(filter_margin), -np.inf, filter_margin),
-        r2=r2,
-        scale_r2=r2 + 2 * own.prefilter_error / settings.prefilter_radius,
+        disc=replace(disc, margin=np.where(np.isnan(disc.margin), -np.inf, disc.margin)),
+        hit=hit,
+        drawn=drawn,
+        filter=_known(raster.prefilter(pairs.s)) if settings.prefilter == "min" else absent,
         center_z=own.center_eye[:, 2],
         tolerance=tolerance,
+        of_ellipses=raster.ellipses is not None,
+        factor=factor,
+        scale_factor=scale_factor,
     )
+
+
+def _known(cover: oracle._Cover) -> oracle._Cover:
+    """Return it with what is undefined as surely not there."""
+    return replace(cover, margin=np.where(np.isnan(cover.margin), -np.inf, cover.margin))
 
 
 def bands(projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> Iterator[Pairs]:
@@ -194,22 +208,47 @@ def _expand(splat: Array, x_first: Array, x_last: Array, y_first: Array, y_last:
 def _wide_bounds(projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> NDArray[np.int64]:
     """(N, 4) first x, first y, last x, last y of the pixels a splat touches or nearly touches, in the image."""
     p, radius = projected, settings.prefilter_radius
-    disc = oracle._disc_bounds(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera)
-    disc[oracle._out_of_range(p, camera)] = oracle.NOTHING
     square = np.hstack([p.prefilter_point - radius, p.prefilter_point + radius])
     square[~(p.prefilter_margin > -MAX_MARGIN)] = oracle.NOTHING
-    low, high = np.minimum(disc, square)[:, :2], np.maximum(disc, square)[:, 2:]
-    kappa = oracle._discs(p, camera).kappa
-    with np.errstate(invalid="ignore"):
-        size = (disc[:, 2:] - disc[:, :2]).max(axis=1, initial=0.0)
-        slack = SLACK_PIXELS + np.nan_to_num(size * np.minimum(100.0, MAX_MARGIN * UNIT * (8 + 4 * kappa)), nan=0.0)
-    low, high = low - 0.5 - slack[:, None], high - 0.5 + slack[:, None]
+    covered, slack = (
+        _disc_bounds(p, camera) if settings.footprint == "raycast" else _ellipse_bounds(p, camera, settings)
+    )
+    slack = SLACK_PIXELS + slack
+    low = np.minimum(covered, square)[:, :2] - 0.5 - slack
+    high = np.maximum(covered, square)[:, 2:] - 0.5 + slack
     hopeless = p.culled & (np.abs(p.facing_margin) > MAX_MARGIN)
     low[hopeless], high[hopeless] = np.inf, -np.inf
     last = np.array([camera.width - 1, camera.height - 1])
     first_pixel = np.ceil(np.clip(low, 0, last + 1)).astype(np.int64)
     last_pixel = np.floor(np.clip(high, -1, last)).astype(np.int64)
     return np.hstack([first_pixel, last_pixel])
+
+
+def _disc_bounds(p: oracle.ProjectedSplats, camera: Camera) -> tuple[Array, Array]:
+    """(N, 4) bounds of the discs; (N, 1) how far beyond, at most, rounding may let them be hit. Pixels."""
+    disc = oracle._disc_bounds(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera)
+    disc[oracle._out_of_range(p, camera)] = oracle.NOTHING
+    kappa = oracle._discs(p, camera).kappa
+    with np.errstate(invalid="ignore"):
+        size = (disc[:, 2:] - disc[:, :2]).max(axis=1, initial=0.0)
+        slack = np.nan_to_num(size * np.minimum(100.0, MAX_MARGIN * UNIT * (8 + 4 * kappa)), nan=0.0)
+    return disc, slack[:, None]
+
+
+def _ellipse_bounds(p: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> tuple[Array, Array]:
+    """(N, 4) bounds of the ellipses, filtered or not; (N, 2) how far beyond, across and down, as `_disc_bounds`.
+
+    That is not beyond the circles of their long axes.
+    """
+    maps = oracle._maps(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera, settings)
+    kappa, unit = oracle._discs(p, camera).kappa, MAX_MARGIN * UNIT
+    bounds = maps.bounds(maps.margin > -MAX_MARGIN)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        half = (bounds[:, 2:] - bounds[:, :2]) / 2
+        circle = np.hypot(*half.T)
+        slack = (circle + 4) * unit * (8 + 16 * kappa / maps.rest)
+        slack = np.fmin(slack[:, None], (circle * (1 + 8 * unit))[:, None] - half)
+    return bounds, np.nan_to_num(slack, nan=0.0)
 
 
 def take(projected: oracle.ProjectedSplats, ids: Array) -> oracle.ProjectedSplats:

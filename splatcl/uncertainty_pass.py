@@ -2,11 +2,12 @@
 
 The kernels follow the profile of docs/reproducibility.md, so every device gives the same bits. A device without
 double precision leaves the work to the host (splatcl/uncertainty.py, splatcl/envelope.py), whose results differ by
-float64's rounding alone.
+float64's rounding alone. So it does where splats are drawn by anything but ray-cast discs without clip lines.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 from splatcl import envelope as host
 from splatcl import oracle, uncertainty
 from splatcl.camera import Camera
-from splatcl.envelope import check_tolerance
 from splatcl.errors import DeviceError
 from splatcl.nearby import VALUES, NearbySplats, nearby, upload
 from splatcl.passes import PIXEL_GROUP, Passes
@@ -32,8 +32,12 @@ CHANNELS = {"Z": 1, "weight": 1, "albedo": 3, "N": 3}
 def margin(
     renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings, epsilon: float
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Return what `uncertainty.margin` does, from the renderer's device where it can. For `Renderer.call`."""
-    if not has_strict_double(renderer):
+    """Return what `uncertainty.margin` does, from the renderer's device where it can. For `Renderer.call`.
+
+    The resident's splats are prepared for the settings already (`Resident.prepared`), as a frame's are.
+    """
+    settings = replace(settings, circular=False)
+    if not (draws_discs(resident, settings) and has_strict_double(renderer)):
         return uncertainty.margin(resident.splats, camera, settings, epsilon)
     passes = Passes(renderer.device, camera, settings, TILE, "double")
     shape = camera.height, camera.width
@@ -54,9 +58,10 @@ def envelope(
     epsilon: float,
     tolerance: float,
 ) -> dict[str, NDArray[np.float32]]:
-    """Return what `envelope.envelope` does, from the renderer's device where it can. For `Renderer.call`."""
-    check_tolerance(tolerance)
-    if not has_strict_double(renderer):
+    """Return what `envelope.envelope` does, from the renderer's device where it can. As `margin`."""
+    host.check(settings, tolerance)
+    settings = replace(settings, circular=False)
+    if not (draws_discs(resident, settings) and settings.normals == "constant" and has_strict_double(renderer)):
         return host.envelope(resident.splats, camera, settings, epsilon, tolerance)
     passes = Passes(renderer.device, camera, settings, TILE, "double")
     outputs = {f"{name}.{end}": passes.image(n, "f4") for name, n in CHANNELS.items() for end in ("lo", "hi")}
@@ -66,7 +71,13 @@ def envelope(
         _run_envelope(passes, view, band, epsilon, tolerance, list(outputs.values()))
     shape = camera.height, camera.width
     shapes = {name: (*shape, n) if n > 1 else shape for name, n in CHANNELS.items()}
-    return {name: passes.device.read(out, shapes[name[:-3]], np.float32) for name, out in outputs.items()}
+    named = {name: passes.device.read(out, shapes[name[:-3]], np.float32) for name, out in outputs.items()}
+    return host.bounded(named, settings)
+
+
+def draws_discs(resident: Resident, settings: RenderSettings) -> bool:
+    """Whether the splats are discs that rays meet, whole: what the kernels know."""
+    return settings.footprint == "raycast" and resident.splats.clip is None
 
 
 def has_strict_double(renderer: Renderer) -> bool:

@@ -11,7 +11,7 @@ from splatcl.bench import matrix
 from splatcl.bench.matrix import BASE, base_of, only, parse_sizes, rows, size_name
 from splatcl.bench.timing import MIN_FRAMES, Spread, turn_by_turn
 from splatcl.errors import SettingsError
-from splatcl.settings import Shader
+from splatcl.settings import METHODS, RenderSettings, Shader
 
 
 def test_matrix_varies_one_factor_at_a_time():
@@ -23,10 +23,14 @@ def test_matrix_varies_one_factor_at_a_time():
     factors = [row for row in table if row.factor]
     assert {row.num_splats for row in factors} == {1_100_000, 4_000_000}
     assert {row.settings.shader for row in table} == set(get_args(Shader))
+    assert {row.settings.method for row in table} == set(METHODS)
     for row in factors:
         differing = [f for f in ("model", "order") if getattr(row, f) != getattr(base_of(row), f)]
         differing += ["size"] if row.width != 512 else []
-        differing += [f for f, value in vars(row.settings).items() if value != getattr(BASE, f) and f != "user_shader"]
+        method = RenderSettings(method=row.settings.method, facing="cull")
+        differing += ["method"] if method != BASE else []
+        changed = [f for f, value in vars(row.settings).items() if value != getattr(method, f)]
+        differing += [f for f in changed if f != "user_shader"]  # which comes with its shader
         assert len(differing) == 1, row.name
         assert base_of(row) in table
 

@@ -15,7 +15,6 @@ from test_fields import discs, even_sphere, plane, rim_errors
 import splatcl
 from splatcl import Splats, decimate
 from splatcl.errors import SettingsError
-from splatcl.fields import disc_coordinates
 
 SCANS = Path(__file__).parent.parent / "reference_images" / "scans"
 RIM = 2 * np.pi * np.arange(8) / 8
@@ -43,21 +42,19 @@ def joined(*parts):
 def is_covered(splats, fewer, error, angle, slack):
     """Return whether an output splat within the bounds holds each centre, and whether one holds each whole disc."""
     center, disc = np.zeros((2, len(splats)), bool)
-    tree = cKDTree(splats.center)
-    for i in range(len(fewer)):
-        one = fewer.take([i])
-        near = np.array(tree.query_ball_point(one.center[0], 1.1 * one.radius[0] + error))
-        offset = splats.center[near].astype(float) - one.center
-        height, cosine = np.abs(offset @ one.normal[0]), splats.normal[near] @ one.normal[0]
-        cosine = cosine if splats.oriented else np.abs(cosine)
-        within = (height <= error * (1 + slack)) & (cosine >= np.cos(np.radians(angle)) - slack)
-        near, offset = near[within], offset[within]
-        places = [np.zeros((len(near), 3))]
-        places += [np.cos(a) * splats.tangent_u[near] + np.sin(a) * splats.tangent_v[near] for a in RIM]
-        zeros = np.zeros(len(near), int)
-        radii = [np.hypot(*disc_coordinates(one, zeros, offset + place)) for place in places]
-        center[near] |= radii[0] <= 1 + slack
-        disc[near] |= np.max(radii, axis=0) <= 1 + slack
+    u, v, normal = splats.tangent_u, splats.tangent_v, fewer.normal
+    rims = np.array([0 * u, *(np.cos(a) * u + np.sin(a) * v for a in RIM)])
+    places = splats.center.astype(float) + rims
+    to_disc = np.linalg.inv(np.stack([fewer.tangent_u, fewer.tangent_v, normal], axis=2))
+    cosine = np.abs if not splats.oriented else np.asarray
+    near = cKDTree(splats.center).query_ball_point(fewer.center, 1.1 * fewer.radius + error)
+    for i, ids in enumerate(near):
+        ids = np.array(ids)[cosine(splats.normal[ids] @ normal[i]) >= np.cos(np.radians(angle)) - slack]
+        coordinates = (places[:, ids] - fewer.center[i]) @ to_disc[i].T
+        radius = np.hypot(coordinates[..., 0], coordinates[..., 1])
+        within = np.abs(coordinates[0, :, 2]) <= error * (1 + slack)
+        center[ids] |= within & (radius[0] <= 1 + slack)
+        disc[ids] |= within & (radius <= 1 + slack).all(axis=0)
     return center, disc
 
 

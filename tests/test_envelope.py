@@ -38,10 +38,11 @@ def bounds(splats, camera, choices, **kwargs):
 
 
 def escapes(limits, frame):
-    """Count the values of a frame that are outside the envelope; NaN is."""
+    """Count the values of a frame that are outside the envelope, of those that have bounds; NaN is."""
     return {
         name: int(np.count_nonzero(~((frame[name] >= limits[f"{name}.lo"]) & (frame[name] <= limits[f"{name}.hi"]))))
         for name in BOUNDED
+        if f"{name}.lo" in limits
     }
 
 

@@ -64,6 +64,11 @@ def altered_kernels(monkeypatch, good, bad):
     return found
 
 
+def check_plain(renderer):
+    """Check the scenes of [BHZK05]'s method: a minute less to compile than for all."""
+    return golden.check(renderer, [scene.name for scene in golden.scenes() if scene.plain])
+
+
 @pytest.fixture(scope="module")
 def scenes():
     return {scene.name: scene for scene in golden.scenes()}
@@ -72,7 +77,8 @@ def scenes():
 def test_every_scene_has_its_hashes(scenes):
     assert len(scenes) == len(golden.scenes())
     assert set(golden.stored()) == set(scenes)
-    assert all(len(hashes) == 10 for hashes in golden.stored().values())
+    assert all(len(golden.stored()[name]) == 10 for name, scene in scenes.items() if scene.plain)
+    assert "attribute.height" in golden.stored()["attributes"] and "albedo" not in golden.stored()["botsch04"]
 
 
 def test_the_page_of_results_is_of_these_hashes():
@@ -90,7 +96,13 @@ def test_the_default_device(renderer):
 @pytest.mark.parametrize("tile_size", [8, 32, 64])
 def test_tile_sizes(tile_size):
     """Mutation: `least(REGION, 16) - 1` in place of `REGION - 1` in boxes_of."""
-    assert golden.check(Renderer(tile_size=tile_size)) == []
+    assert check_plain(Renderer(tile_size=tile_size)) == []
+
+
+def test_tiles_and_lanes_of_every_method(scenes):
+    """Mutation: `b * (x + y)` for `b * x + c * y` in ellipse_radius2."""
+    names = [name for name, scene in scenes.items() if not scene.plain and scene.settings.precision == "single"]
+    assert golden.check(Renderer(lanes=4, tile_size=32), names) == []
 
 
 @pytest.mark.parametrize("lanes", [1, 4, 16])
@@ -100,20 +112,20 @@ def test_lanes(lanes):
         with pytest.raises(DeviceError, match="cannot compile 16-wide square roots"):
             Renderer(lanes=lanes)
     else:
-        assert golden.check(Renderer(lanes=lanes)) == []
+        assert check_plain(Renderer(lanes=lanes)) == []
 
 
-@pytest.mark.parametrize("tile_size", [8, 16])
-def test_a_work_item_per_pixel(tile_size):
+@pytest.mark.parametrize(("tile_size", "check"), [(8, golden.check), (16, check_plain)])
+def test_a_work_item_per_pixel(tile_size, check):
     """Mutation: `part / (TILE / 2)` in place of `part / REGIONS_X` in region_of."""
-    assert golden.check(Renderer(mapping="pixel", tile_size=tile_size)) == []
+    assert check(Renderer(mapping="pixel", tile_size=tile_size)) == []
 
 
 @pytest.mark.parametrize("group", [1, 16, 32])
 def test_group_sizes_of_pixels(monkeypatch, group):
     """Mutation: visibility's region_of given `get_group_id(0) * get_local_size(0) / 64 * 64 + get_local_id(0)`."""
     monkeypatch.setattr(passes, "PIXEL_GROUP", group)
-    assert golden.check(Renderer(mapping="pixel")) == []
+    assert check_plain(Renderer(mapping="pixel")) == []
 
 
 def test_group_sizes_of_tiles_chunks_and_images(monkeypatch):
@@ -141,7 +153,7 @@ def test_quarters_of_tiles(monkeypatch):
     """As where a few tiles hold most splats. Mutation: `part / REGIONS` in place of `part / REGIONS_X` in region_of."""
     monkeypatch.setattr(passes, "FEW_TILES", 1000)
     monkeypatch.setattr(passes, "MANY_ENTRIES", -1)
-    assert golden.check(Renderer()) == []
+    assert check_plain(Renderer()) == []
 
 
 def test_threads():
@@ -162,7 +174,7 @@ def test_our_own_division_and_square_root(monkeypatch):
     """Where a runtime does not round its own correctly. Mutation: NEWTON_STEPS two fewer."""
     renderer = Renderer()
     monkeypatch.setattr(renderer._device.strictness, "options", lambda _: {"EXACT_DIVIDE": 0, "EXACT_SQRT": 0})
-    assert golden.check(renderer) == []
+    assert check_plain(renderer) == []
 
 
 @pytest.mark.parametrize("name", ROUNDINGS)

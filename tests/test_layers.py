@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from agreement import scene
@@ -12,16 +14,28 @@ from splatcl import RenderSettings, pipeline
 from splatcl.passes import EVERY
 
 TILES = [8, 16, 32, 64]
+WAYS = (  # few, as each is compiled: tile size, footprint, pre-filter, and whether there are clip lines
+    (8, "raycast", "min", False),
+    (16, "raycast", "min", False),
+    (32, "raycast", "none", False),
+    (64, "raycast", "min", False),
+    (16, "raycast", "min", True),
+    (8, "conic", "ewa", False),
+    (32, "affine", "min", True),
+    (64, "conic", "none", False),
+)
+DISCS = WAYS[:4]
 
 
-def any_settings(rng, precision):
+def any_settings(rng, precision, footprint, prefilter):
     """Return settings under which there are layers."""
     return RenderSettings(
         epsilon=float(rng.choice([0.0, 10.0 ** rng.uniform(-6, 4)])),
         precision=precision,
         facing=str(rng.choice(["keep", "flip"])),
         along=str(rng.choice(["z", "ray"])),
-        prefilter=str(rng.choice(["min", "none"])),
+        footprint=footprint,
+        prefilter=prefilter,
         prefilter_radius=float(10.0 ** rng.uniform(-1, 1.5)),
         prefilter_center=str(rng.choice(["projected", "bounds"])),
     )
@@ -58,8 +72,11 @@ def test_layers_of_any_discs_do_not_change_the_sums(device, monkeypatch, project
     for seed in range(60):
         rng = np.random.default_rng(seed)
         camera = any_camera(rng, projection)
-        splats, settings = any_discs(rng, camera), any_settings(rng, precision)
-        assert_layers_do_not_show(device, splats, camera, settings, int(rng.choice(TILES)))
+        tile_size, footprint, prefilter, has_lines = WAYS[seed % len(WAYS)]
+        splats, settings = any_discs(rng, camera), any_settings(rng, precision, footprint, prefilter)
+        if has_lines:
+            splats = replace(splats, clip=rng.normal(size=(len(splats), 2, 3)) + [0, 0, 0.5], on_invalid="error")
+        assert_layers_do_not_show(device, splats, camera, settings, tile_size)
 
 
 @pytest.fixture
@@ -105,7 +122,8 @@ def test_no_fragment_is_nearer_or_elsewhere_than_its_clue_says(device, no_front,
     for seed in range(60):
         rng = np.random.default_rng(seed)
         camera = any_camera(rng, projection)
-        settings, tile_size = any_settings(rng, precision), int(rng.choice(TILES))
+        tile_size, footprint, prefilter, _ = DISCS[seed % len(DISCS)]
+        settings = any_settings(rng, precision, footprint, prefilter)
         passes = DevicePasses(device, any_discs(rng, camera), camera, settings, tile_size)
         for left, top, records, attributes, clues in read_clues(passes, tile_size):
             y, x = (axis.ravel() for axis in np.mgrid[top : top + tile_size, left : left + tile_size])

@@ -228,7 +228,7 @@ def test_conic_footprint_is_the_ray_casts_at_the_contour(renderer):
     for angle in np.linspace(0, 2 * np.pi, 7):
         rim = projected.center_eye + np.cos(angle) * projected.tangent_u_eye + np.sin(angle) * projected.tangent_v_eye
         s = np.concatenate([rim[:, :2] / rim[:, 2:], np.ones((len(rim), 1))], axis=1)
-        r_squared = oracle._within(ellipses, False, camera, s)[0]
+        r_squared = oracle._within(ellipses, False, camera, s).r_squared
         good = ellipses.usable & (discs.kappa < 1e3)
         np.testing.assert_allclose(r_squared[good], 1.0, atol=1e-9)
     conic = renderer.render(splats, camera, settings)

@@ -12,7 +12,7 @@ from typing import Literal, get_args
 
 from splatcl.errors import SettingsError
 from splatcl.lights import Light
-from splatcl.settings import Facing, RenderSettings, Shader
+from splatcl.settings import METHODS, Facing, RenderSettings, Shader
 
 Model = Literal["sphere", "scan"]
 Order = Literal["coherent", "shuffled"]
@@ -83,6 +83,12 @@ FACTORS: tuple[Row, ...] = (
     Row(0, replace(BASE, precision="double"), "double"),
     Row(0, replace(BASE, along="ray"), "epsilon along ray"),
     Row(0, BASE, "scan", model="scan"),
+    *(Row(0, RenderSettings(method=method, facing="cull"), method) for method in METHODS if method != BASE.method),
+    Row(0, replace(BASE, footprint="conic"), "conic"),
+    Row(0, replace(BASE, shading="fragment"), "Phong by fragment"),
+    Row(0, replace(BASE, shading="splat"), "Gouraud"),
+    Row(0, replace(BASE, target="float16"), "float16"),
+    Row(0, replace(BASE, target="unorm8"), "unorm8"),
 )
 """Each is compared with the base row of its size."""
 

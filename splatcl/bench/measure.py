@@ -13,7 +13,7 @@ import numpy as np
 
 from splatcl.bench.matrix import Row, size_name
 from splatcl.bench.passes import Counts, FramePasses
-from splatcl.bench.scenes import fibonacci_sphere, frame_camera, resampled, shuffled
+from splatcl.bench.scenes import fibonacci_sphere, frame_camera, resampled, shuffled, with_field
 from splatcl.bench.timing import Spread, seconds_of, turn_by_turn
 from splatcl.camera import Camera
 from splatcl.errors import DeviceError
@@ -110,6 +110,8 @@ class Scenes:
         """Return the uploaded splats of a row."""
         if row.model == "scan":
             return self._resampled
+        if row.settings.normals == "field":
+            return self._with_field
         return self._shuffled if row.order == "shuffled" else self._coherent
 
     @cached_property
@@ -119,6 +121,10 @@ class Scenes:
     @cached_property
     def _shuffled(self) -> Resident:
         return self._renderer.upload(shuffled(self._coherent.splats))
+
+    @cached_property
+    def _with_field(self) -> Resident:
+        return self._renderer.upload(with_field(self._coherent.splats))
 
     @cached_property
     def _resampled(self) -> Resident:
@@ -166,7 +172,8 @@ def count_fragments(renderer: Renderer, resident: Resident, camera: Camera, sett
 
     without, filtered = count(prefilter="none"), count(prefilter="min")
     hits = count(prefilter="none", epsilon=FAR).fragments
-    return Fragments(filtered if settings.prefilter == "min" else without, without, filtered, hits)
+    drawn = {"none": without, "min": filtered}.get(settings.prefilter) or count()
+    return Fragments(drawn, without, filtered, hits)
 
 
 def measure(

@@ -52,6 +52,7 @@ class FramePasses:
     """The passes of one frame, run one by one. For splats that `renderer` has uploaded."""
 
     def __init__(self, renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> None:
+        resident = resident.prepared(settings)
         settings = pipeline.effective_settings(settings, resident.splats.oriented)
         self._passes, self._splats = renderer.prepare(resident, camera, settings)
         self._epsilon = resident.epsilon(settings)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,11 @@ def fibonacci_sphere(num: int) -> Splats:
 def shuffled(splats: Splats) -> Splats:
     """Return the splats in a random order, always the same."""
     return splats.take(np.random.default_rng(SEED).permutation(len(splats)))
+
+
+def with_field(sphere: Splats) -> Splats:
+    """Return the splats of the unit sphere with linear fields of its normals, which change as positions do."""
+    return replace(sphere, normal_du=sphere.tangent_u, normal_dv=sphere.tangent_v, on_invalid="error")
 
 
 def resampled(splats: Splats, num: int) -> Splats:

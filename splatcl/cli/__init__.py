@@ -64,6 +64,7 @@ COMMANDS = {
     "decimate": "Cover a scan with fewer, larger splats within an error bound.",
     "fields": "Estimate how normals turn over each splat, for --method botsch04.",
     "bench": "Measure how fast splats are rendered, and what bounds it.",
+    "paper": "Rerun the papers' claims.",
     "doctor": "Test a device's arithmetic and its golden images.",
     "devices": "List the OpenCL devices and mark the one that is used.",
 }

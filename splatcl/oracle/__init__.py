@@ -1,6 +1,6 @@
 """The passes in float64 NumPy, written from docs/specification.md: every splat against every pixel, no tiles.
 
-An independent second opinion for the kernels (preset botsch05): slow, plain, sharing no code with them.
+An independent second opinion for the kernels: slow, plain, sharing no code with them.
 
 The margin
 ----------
@@ -18,11 +18,14 @@ rounding error is 2^-24 e_i), den = g.s / g.s_c, A = a / g.s_c, B = b / g.s_c an
 - which splat is front-most:  the difference of the two z, scale the sum of their scale_z;
 - facing (cos = n.c / |c|, n_z if orthographic) and edge-on (|cos| - 2^-16):  scale
   4 |t_u| |t_v| / |t_u x t_v|;
+- a clip line's a u + b v + c >= 0:  times den as r3, of the same scale;
+- r <= 1 in an ellipse (splatcl/oracle/ellipses.py):  the scale of `_within`; that a conic one exists: 4 (|z| + reach);
 
 kappa = max(|t_u|, |t_v|)^2 / |t_u x t_v| / |cos| is the relative error of g.s_c (of a circle, 1/|cos|).
-Conditions that hold together (r3^2 <= 1, z in [near, far], not edge-on, not culled) have the least of their
-signed margins, so a splat lowers the margin only of pixels that it touches or nearly touches; a disc wholly and
-clearly outside [near, far] lowers none.
+Conditions that hold together (r3^2 <= 1, z in [near, far], not edge-on, not culled, not cut off) have the least of
+their signed margins, so a splat lowers the margin only of pixels that it touches or nearly touches; a disc wholly and
+clearly outside [near, far] lowers none. Where a fragment of an ellipse is, whether its ray meets the disc decides its
+depth, and counts too.
 """
 
 from __future__ import annotations
@@ -33,11 +36,21 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect, _out_of_range
-from splatcl.oracle.ellipses import _Ellipses, _ellipses, _footprint, _within
+from splatcl.oracle.ellipses import _Cover, _Ellipses, _ellipses, _within
 from splatcl.oracle.light_view import shadow_maps
 from splatcl.oracle.lightmap import gathered
+from splatcl.oracle.maps import _maps
 from splatcl.oracle.project import ProjectedSplats, _disc_bounds, _prefilter_point, bin, project
-from splatcl.oracle.raster import DepthBuffer, GBuffer, _depth_margin, _prefilter, _weight, attributes, visibility
+from splatcl.oracle.raster import (
+    DepthBuffer,
+    GBuffer,
+    _depth_margin,
+    _prefilter,
+    _Raster,
+    _weight,
+    attributes,
+    visibility,
+)
 from splatcl.oracle.rays import (
     CLEAR,
     EDGE_ON,
@@ -79,18 +92,20 @@ __all__ = [
     "Lookup",
     "ProjectedSplats",
     "ShadowMap",
+    "_Cover",
     "_Discs",
     "_Ellipses",
     "_Hits",
+    "_Raster",
     "_chunks",
     "_cosine",
     "_depth_margin",
     "_disc_bounds",
     "_discs",
     "_ellipses",
-    "_footprint",
     "_image",
     "_intersect",
+    "_maps",
     "_normalize",
     "_out_of_range",
     "_phong",

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcl.camera import Camera
+from splatcl.oracle.maps import _maps
 from splatcl.oracle.rays import (
     CLEAR,
     EDGE_ON,
@@ -77,12 +78,11 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
     point, error = _prefilter_point(center, t_u, t_v, disc, camera, settings)
     present = _range_margin(center[:, 2], np.abs(center[:, 2]) + TINY, camera)
     present[(settings.prefilter != "min") | np.isnan(point).any(axis=1)] = -np.inf
-    reach = np.hypot(t_u[:, 2], t_v[:, 2])
-    unseen = (center[:, 2] + reach < camera.near) | (center[:, 2] - reach > camera.far)
-    disc[unseen | (np.abs(cosine) <= EDGE_ON)] = NOTHING
+    covered = _covered(center, t_u, t_v, disc, camera, settings)
+    covered[np.abs(cosine) <= EDGE_ON] = NOTHING
     square = np.hstack([point - settings.prefilter_radius, point + settings.prefilter_radius])
     square[present < 0] = NOTHING
-    bounds = np.hstack([np.minimum(disc, square)[:, :2], np.maximum(disc, square)[:, 2:]])
+    bounds = np.hstack([np.minimum(covered, square)[:, :2], np.maximum(covered, square)[:, 2:]])
     bounds[culled] = NOTHING
     hidden = (center[:, 2:] <= 0) & (camera.projection == "perspective")
     center_raster = np.where(hidden, np.nan, _raster(_s_center(center, camera), camera))
@@ -90,6 +90,16 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
         center, t_u, t_v, normal, center_raster, bounds, culled, facing_margin, point, error, present,
         field_u, field_v, clip,
     )  # fmt: skip
+
+
+def _covered(center: Array, t_u: Array, t_v: Array, disc: Array, camera: Camera, settings: RenderSettings) -> Array:
+    """(N, 4) bounds of the footprints, low-pass filter included: of the discs, or of their ellipses."""
+    if settings.footprint != "raycast":
+        maps = _maps(center, t_u, t_v, camera, settings)
+        return maps.bounds(maps.exists)
+    reach = np.hypot(t_u[:, 2], t_v[:, 2])
+    unseen = (center[:, 2] + reach < camera.near) | (center[:, 2] - reach > camera.far)
+    return np.where(unseen[:, None], NOTHING, disc)
 
 
 def _circles(t_u: Array, t_v: Array) -> tuple[Array, Array]:

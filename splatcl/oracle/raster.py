@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.discs import _clip, _Discs, _discs, _intersect
-from splatcl.oracle.ellipses import _Ellipses, _ellipses, _footprint
+from splatcl.oracle.discs import _clip, _Discs, _discs, _Hits, _intersect
+from splatcl.oracle.ellipses import _Cover, _Ellipses, _ellipses, _within
 from splatcl.oracle.project import ProjectedSplats
-from splatcl.oracle.rays import NO_SPLAT, TINY, UNIT, Array, _chunks, _image, _normalize, _raster, _ray_length
+from splatcl.oracle.rays import (
+    NO_SPLAT,
+    OFFSET_ERROR,
+    TINY,
+    UNIT,
+    Array,
+    _chunks,
+    _image,
+    _normalize,
+    _raster,
+    _ray_length,
+)
 from splatcl.oracle.shade import shade_points
 from splatcl.settings import RenderSettings
 
@@ -62,49 +73,60 @@ class _Raster:
     ellipses: _Ellipses | None
 
     @classmethod
-    def of(cls, projected: ProjectedSplats, camera: Camera, settings: RenderSettings) -> _Raster:
-        discs = _discs(projected, camera)
+    def of(
+        cls,
+        projected: ProjectedSplats,
+        camera: Camera,
+        settings: RenderSettings,
+        offset_error: float = OFFSET_ERROR,
+    ) -> _Raster:
+        discs = replace(_discs(projected, camera), offset_error=offset_error)
         raycast = settings.footprint == "raycast"
         return cls(
             projected, camera, settings, discs, None if raycast else _ellipses(projected, discs, camera, settings)
         )
 
+    def footprint(self, hits: _Hits, s: Array, filtered: bool) -> _Cover:
+        """Say where the footprint is, within its clip lines; of an ellipse, `filtered` by EWA or not."""
+        if self.ellipses is None:
+            return _Cover(hits.r_squared, hits.r, hits.scale_r, hits.margin)
+        return _cut(_within(self.ellipses, filtered, self.camera, s), hits.kept, hits.kept_margin)
+
+    def prefilter(self, s: Array) -> _Cover:
+        """Say where the pre-filter of [BHZK05] is, within the clip lines."""
+        return _cut(_prefilter(self.projected, self.camera, self.settings, s), *_clip(self.discs, self.camera, s))
+
     def covered(self, s: Array) -> _Fragments:
         """Return the fragments of the visibility pass, which knows no pre-filter."""
-        return self._before_prefilter(s, filtered=False)
-
-    def _before_prefilter(self, s: Array, filtered: bool) -> _Fragments:
         hits = _intersect(self.discs, self.camera, s)
-        disc = hits.r_squared <= 1
-        if self.ellipses is None:
-            return _Fragments(hits.r_squared, hits.z, hits.scale_z, np.abs(hits.margin), disc, hits.u, hits.v)
-        center_z = self.projected.center_eye[:, 2]
-        found = _footprint(hits, self.ellipses, filtered, center_z, self.camera, s)
-        return _Fragments(*found, disc, hits.u, hits.v)
+        return self._fragments(hits, self.footprint(hits, s, filtered=False))
 
     def drawn(self, s: Array) -> _Fragments:
         """Return the fragments of the attribute pass."""
-        f = self._before_prefilter(s, filtered=True)
-        if self.settings.prefilter != "min":
-            return f
-        r2_squared, margin = _prefilter(self.projected, self.camera, self.settings, s)
-        kept, kept_margin = _clip(self.discs, self.camera, s)
-        r2_squared = np.where(kept, r2_squared, np.inf)
-        center_z = self.projected.center_eye[:, 2]
-        exists = f.r_squared <= 1
-        z, scale_z = f.z, f.scale_z
-        if self.ellipses is None:
-            z = np.where(exists, z, center_z)
-            scale_z = np.where(exists, scale_z, np.abs(center_z) + TINY)
-        margin = np.minimum(np.abs(margin), np.where(margin > -64, np.abs(kept_margin), np.inf))
-        margin = np.minimum(f.margin, np.where(exists, np.inf, margin))
-        return _Fragments(np.minimum(f.r_squared, r2_squared), z, scale_z, margin, f.disc, f.u, f.v)
+        hits = _intersect(self.discs, self.camera, s)
+        footprint = self.footprint(hits, s, filtered=True)
+        return self._fragments(hits, footprint, self.prefilter(s) if self.settings.prefilter == "min" else None)
+
+    def _fragments(self, hits: _Hits, footprint: _Cover, prefilter: _Cover | None = None) -> _Fragments:
+        """Join what covers a pixel; a fragment whose ray misses the disc takes the centre's depth."""
+        r_squared, margin = footprint.r_squared, np.abs(footprint.margin)
+        if prefilter is not None:
+            margin = np.minimum(margin, np.where(r_squared <= 1, np.inf, np.abs(prefilter.margin)))
+            r_squared = np.minimum(r_squared, prefilter.r_squared)
+        if self.ellipses is not None:
+            margin = np.minimum(margin, np.where(r_squared <= 1, np.abs(hits.margin), np.inf))
+        disc, center_z = hits.r_squared <= 1, self.projected.center_eye[:, 2]
+        z = np.where(disc, hits.z, center_z)
+        scale_z = np.where(disc, hits.scale_z, np.abs(center_z) + TINY)
+        return _Fragments(r_squared, z, scale_z, margin, disc, hits.u, hits.v)
 
     def weight(self, f: _Fragments) -> Array:
         """(P, N) weights where r^2 <= 1, 0 elsewhere."""
         weight, exists = np.zeros(f.r_squared.shape), f.r_squared <= 1
         weight[exists] = _weight(f.r_squared[exists], self.settings)
-        return weight if self.ellipses is None else weight * np.where(self.ellipses.usable, self.ellipses.factor, 0.0)
+        if self.ellipses is not None and self.settings.prefilter == "ewa":
+            weight *= self.ellipses.factor
+        return weight
 
 
 def visibility(projected: ProjectedSplats, camera: Camera, settings: RenderSettings) -> DepthBuffer:
@@ -230,17 +252,25 @@ def _rounded(values: Array, settings: RenderSettings) -> Array:
     return np.floor(np.clip(values, 0, 1) * 255 + 0.5) / 255
 
 
-def _prefilter(projected: ProjectedSplats, camera: Camera, settings: RenderSettings, s: Array) -> tuple[Array, Array]:
-    """r2^2 = |p - p_c|^2 / prefilter_radius^2, +inf for no pre-filter; its signed margin. `s` as for `_intersect`."""
-    radius = settings.prefilter_radius
+def _cut(cover: _Cover, kept: Array, margin: Array) -> _Cover:
+    """Return what clip lines leave."""
+    r_squared = np.where(kept, cover.r_squared, np.inf)
+    return replace(cover, r_squared=r_squared, margin=np.fmin(cover.margin, margin))
+
+
+def _prefilter(projected: ProjectedSplats, camera: Camera, settings: RenderSettings, s: Array) -> _Cover:
+    """r2^2 = |p - p_c|^2 / prefilter_radius^2, +inf for no pre-filter. `s` as for `_intersect`."""
+    radius, error = settings.prefilter_radius, projected.prefilter_error
     p = _raster(s, camera)
     x, y = projected.prefilter_point.T
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         r_squared = ((p[..., 0] - x) ** 2 + (p[..., 1] - y) ** 2) / radius**2
-        scale = 2 * r_squared + 4 * np.sqrt(r_squared) * projected.prefilter_error / radius
+        r = np.sqrt(r_squared)
+        scale = 2 * r_squared + 4 * r * error / radius
         margin = np.fmin((1 - r_squared) / (UNIT * scale), projected.facing_margin)
     present = (projected.prefilter_margin >= 0) & ~projected.culled
-    return np.where(present, r_squared, np.inf), np.fmin(margin, projected.prefilter_margin)
+    margin = np.fmin(margin, projected.prefilter_margin)
+    return _Cover(np.where(present, r_squared, np.inf), r, r + 2 * error / radius, margin)
 
 
 def _depth_margin(slack: Array, scale_z: Array, front_scale_z: Array, is_front: Array, tolerance: Array) -> Array:

@@ -1,0 +1,96 @@
+"""Maps from discs to ellipses on the screen, and bounds of these."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from splatcl.camera import Camera
+from splatcl.oracle.rays import CLEAR, NOTHING, TINY, UNIT, Array, _range_margin, _raster
+from splatcl.settings import RenderSettings
+
+
+@dataclass(frozen=True, eq=False)
+class _Maps:
+    """Per splat an ellipse of disc coordinates w = M^-1 x, x in pixels from the projected centre.
+
+    Its contour is |w|^2 = (1 + g.w)^2: the unit circle where g = 0 (the affine map), the projected disc's where g is
+    minus the tangents' share of depth.
+    """
+
+    center: Array  # (N, 2) projected centre, raster
+    m: Array  # (N, 2, 2) M
+    g: Array  # (N, 2)
+    low_pass: float  # cutoff^2 times the low-pass filter's variance, square pixels
+    margin: Array  # (N,) signed: the centre's z in [near, far], and a contour that is an ellipse
+    exists: Array  # (N,) bool
+
+    @property
+    def det_m(self) -> Array:
+        """(N,) |M|."""
+        return self.m[:, 0, 0] * self.m[:, 1, 1] - self.m[:, 0, 1] * self.m[:, 1, 0]
+
+    @property
+    def rest(self) -> Array:
+        """(N,) 1 - |g|^2."""
+        return 1 - (self.g**2).sum(axis=1)
+
+    @property
+    def middle(self) -> Array:
+        """(N, 2) the ellipse's own centre from the projected one, pixels.
+
+        M w where the gradient of (1 + g.w)^2 - |w|^2 vanishes.
+        """
+        return np.einsum("nij,nj->ni", self.m, self.g / self.rest[:, None])
+
+    @property
+    def variance(self) -> Array:
+        """(N, 2, 2) V: x^T V^-1 x = 1 at the contour, about the ellipse's centre."""
+        inner = np.eye(2) + self.g[:, :, None] * self.g[:, None, :] / self.rest[:, None, None]
+        return self.m @ inner @ self.m.swapaxes(1, 2) / self.rest[:, None, None]
+
+    @property
+    def filtered(self) -> Array:
+        """(N, 2, 2) V + cutoff^2 H."""
+        return self.variance + np.eye(2) * self.low_pass
+
+    @property
+    def factor(self) -> Array:
+        """(N,) sqrt(|V| / |V + cutoff^2 H|), what EWA's convolution leaves of the peak."""
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            det, filtered = self.det_m**2 / self.rest**3, self.filtered
+            return np.sqrt(det / (filtered[:, 0, 0] * filtered[:, 1, 1] - filtered[:, 0, 1] ** 2))
+
+    def bounds(self, exist: Array) -> Array:
+        """(N, 4) bounds of the filtered ellipses, pixels; `NOTHING` where they do not `exist`."""
+        with np.errstate(invalid="ignore", over="ignore"):
+            center, half = self.center + self.middle, np.sqrt(np.diagonal(self.filtered, axis1=1, axis2=2))
+            bounds = np.hstack([center - half, center + half])
+        bounds[~exist] = NOTHING
+        return bounds
+
+
+def _maps(c: Array, t_u: Array, t_v: Array, camera: Camera, settings: RenderSettings) -> _Maps:
+    """Return each splat's map: the affine one exact at the centre (Heckbert), or that of the projected contour.
+
+    Over the plane's points w = (u, v) den the ray meets the disc where |w| <= den, den = 1 + g.w ([ZRB04] section 3).
+    """
+    t = np.stack([t_u, t_v], axis=-1)  # (N, 3, 2)
+    focal = np.array([camera.fx, camera.fy])
+    g, whole = np.zeros((len(c), 2)), np.full(len(c), np.inf)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        if camera.projection == "orthographic":
+            center, m = c[:, :2], t[:, :2] * focal[:, None]
+        else:
+            center = c[:, :2] / c[:, 2:]
+            m = (t[:, :2] - center[..., None] * t[:, 2:]) / c[:, 2, None, None] * focal[:, None]
+            if settings.footprint == "conic":
+                g = -t[:, 2] / c[:, 2:]
+                reach = np.hypot(t_u[:, 2], t_v[:, 2])
+                whole = ((1 - CLEAR) * c[:, 2] - reach) / (UNIT * (4 * np.abs(c[:, 2]) + 4 * reach + TINY))
+        in_range = _range_margin(c[:, 2], np.abs(c[:, 2]) + TINY, camera)
+        g = np.where((g**2).sum(axis=1, keepdims=True) < 1, g, 0.0)
+    low_pass = (settings.cutoff * settings.prefilter_radius) ** 2 if settings.prefilter == "ewa" else 0.0
+    exists = (in_range >= 0) & (whole > 0)
+    return _Maps(_raster(center, camera), m, g, low_pass, np.minimum(in_range, whole), exists)
