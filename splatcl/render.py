@@ -197,7 +197,7 @@ def _draw(
     camera: Camera,
     settings: RenderSettings,
     first: tuple[int, int],
-    shadows: Shadows | None,
+    shadows: Shadows | None = None,
 ) -> DeviceAovs:
     """Run the passes for the window of a larger image that begins at `first` (`Passes`)."""
     passes, on_device = renderer.prepare(resident, camera, settings, first)
