@@ -60,6 +60,8 @@ def test_bounds_are_the_rims_extremes(projection, seed):
         expected = rim_extremes(view, *row)
         size = (expected[2:] - expected[:2]).max()
         assert_allclose(bounds, expected, atol=BOUNDS_RELATIVE * size, rtol=0)
+        conic = oracle.project(splats, view, RenderSettings(footprint="conic", prefilter="none")).bounds[0]
+        assert_allclose(conic, expected, atol=BOUNDS_RELATIVE * size, rtol=0)
     elif projection == "perspective" and row[0][2] - reach <= 0:
         assert_array_equal(bounds, [-np.inf, -np.inf, np.inf, np.inf])
 
@@ -80,7 +82,17 @@ def test_bounds_include_the_prefilter_and_exclude_what_cannot_be_seen():
     assert_array_equal(np.isnan(projected.center_raster[:, 0]), [False, False, True, False, False])
 
 
-@pytest.mark.parametrize("settings_", [{}, {"prefilter_center": "bounds"}, {"facing": "cull"}, {"prefilter": "none"}])
+@pytest.mark.parametrize(
+    "settings_",
+    [
+        {},
+        {"prefilter_center": "bounds"},
+        {"facing": "cull"},
+        {"prefilter": "none"},
+        {"footprint": "affine"},
+        {"method": "zwicker04", "prefilter_radius": 2.0},
+    ],
+)
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_bounds_and_tiles_contain_every_fragment(projection, settings_):
     f = 20.0 if projection == "perspective" else 7.0

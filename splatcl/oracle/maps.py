@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,17 +27,17 @@ class _Maps:
     margin: Array  # (N,) signed: the centre's z in [near, far], and a contour that is an ellipse
     exists: Array  # (N,) bool
 
-    @property
+    @cached_property
     def det_m(self) -> Array:
         """(N,) |M|."""
         return self.m[:, 0, 0] * self.m[:, 1, 1] - self.m[:, 0, 1] * self.m[:, 1, 0]
 
-    @property
+    @cached_property
     def rest(self) -> Array:
         """(N,) 1 - |g|^2."""
         return 1 - (self.g**2).sum(axis=1)
 
-    @property
+    @cached_property
     def middle(self) -> Array:
         """(N, 2) the ellipse's own centre from the projected one, pixels.
 
@@ -44,18 +45,18 @@ class _Maps:
         """
         return np.einsum("nij,nj->ni", self.m, self.g / self.rest[:, None])
 
-    @property
+    @cached_property
     def variance(self) -> Array:
         """(N, 2, 2) V: x^T V^-1 x = 1 at the contour, about the ellipse's centre."""
         inner = np.eye(2) + self.g[:, :, None] * self.g[:, None, :] / self.rest[:, None, None]
         return self.m @ inner @ self.m.swapaxes(1, 2) / self.rest[:, None, None]
 
-    @property
+    @cached_property
     def filtered(self) -> Array:
         """(N, 2, 2) V + cutoff^2 H."""
         return self.variance + np.eye(2) * self.low_pass
 
-    @property
+    @cached_property
     def factor(self) -> Array:
         """(N,) sqrt(|V| / |V + cutoff^2 H|), what EWA's convolution leaves of the peak."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
