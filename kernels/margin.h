@@ -1,4 +1,4 @@
-// Margins: distances of decisions from flipping, in units of 2^-24 times a scale (splatcl/oracle.py). Needs arithmetic.h.
+// Margins: distances of decisions from flipping, in units of 2^-24 times a scale (splatcl/oracle). Needs arithmetic.h.
 
 #if !DOUBLE
 #error "margins are computed in double precision: DOUBLE must be 1"

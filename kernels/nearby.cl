@@ -1,4 +1,4 @@
-// Nearby: the splats that touch or nearly touch each tile, and what the oracle's equations (splatcl/oracle.py) need of
+// Nearby: the splats that touch or nearly touch each tile, and what the oracle's equations (splatcl/oracle) need of
 // them in double precision. First each splat's widened bounds and a count of each tile's splats, then their indices,
 // a stable counting sort, then a record for each. A work-item takes a chunk of splats, or of records, LANES at a time.
 

@@ -1,5 +1,5 @@
 // Pairs of a splat and a pixel, for one nearby splat and a block of LANES pixels: the oracle's equations and the
-// scales of their rounding errors (splatcl/oracle.py). Needs arithmetic.h, lanes.h and margin.h and the build options
+// scales of their rounding errors (splatcl/oracle). Needs arithmetic.h, lanes.h and margin.h and the build options
 // TILE, REGION and ORTHOGRAPHIC.
 //
 // REGION  a work-item takes REGION x REGION pixels of a tile: all of it, or one pixel

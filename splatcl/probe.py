@@ -55,7 +55,7 @@ class ProbeRow:
     z: float  # eye z of the fragment, scene units; of the ray's meeting with the plane where there is none
     weight: float  # the fragment's own, accepted or not; 0 where there is none
     verdict: str  # "disc", "pre-filter" or "footprint ...", which accepted it; else why it was not
-    margin: float  # how near a decision about it is to flipping, in its own rounding errors (splatcl/oracle.py)
+    margin: float  # how near a decision about it is to flipping, in its own rounding errors (splatcl/oracle)
     sums: Sums
 
     @property

@@ -100,7 +100,7 @@ def test_tile_sizes(tile_size):
 
 
 def test_tiles_and_lanes_of_every_method(scenes):
-    """Mutation: `b * (x + y)` for `b * x + c * y` in ellipse_radius2."""
+    """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in tile.h's block_offsets."""
     names = [name for name, scene in scenes.items() if not scene.plain and scene.settings.precision == "single"]
     assert golden.check(Renderer(lanes=4, tile_size=32), names) == []
 

@@ -75,7 +75,8 @@ def test_layers_of_any_discs_do_not_change_the_sums(device, monkeypatch, project
         tile_size, footprint, prefilter, has_lines = WAYS[seed % len(WAYS)]
         splats, settings = any_discs(rng, camera), any_settings(rng, precision, footprint, prefilter)
         if has_lines:
-            splats = replace(splats, clip=rng.normal((0, 0, 0.5), size=(len(splats), 2, 3)), on_invalid="error")
+            lines = np.array([0, 0, 0.5]) + rng.normal(size=(len(splats), 2, 3))
+            splats = replace(splats, clip=lines, on_invalid="error")
         assert_layers_do_not_show(device, splats, camera, settings, tile_size)
 
 

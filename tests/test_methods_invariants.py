@@ -32,7 +32,7 @@ def case(request):
     """Splats with all that the method takes, and its settings."""
     rng, splats = np.random.default_rng(7), random_ellipses(7)
     fields = dict(zip(("normal_du", "normal_dv"), rng.normal(size=(2, 200, 3)) * 0.3, strict=True))
-    lines = {"clip": rng.normal((0, 0, 0.5), size=(200, 2, 3))}
+    lines = {"clip": np.array([0, 0, 0.5]) + rng.normal(size=(200, 2, 3))}
     further = {"botsch04": fields, "clip": lines}.get(request.param, {})
     return replace(splats, **further, on_invalid="error"), CHOICES[request.param]
 
