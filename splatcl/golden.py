@@ -124,7 +124,16 @@ def methods(
     deferred = replace(fragments, normals="constant", shading="deferred", facing="cull")
     targets = RenderSettings(0.125)
     everything = with_clip(with_attributes(with_field(tiny)))
+    sun = Light("directional", (1.0, 2.0, -1.0), shadow="pcf", map_size=64)
+    spot = Light("spot", (0.0, 2.0, -3.0), (0.75, 0.5, 0.25), (0.0, -0.5, 1.0), 20.0, 40.0, "nearest", map_size=64)
+    shadows = RenderSettings(0.125, lights=(Light(color=(0.25, 0.25, 0.25)), sun, spot))
+    lightmap = RenderSettings(0.125, shader="lightmap", lights=(Light(), replace(sun, shadow="none")))
     return [
+        GoldenScene("shadows", discs, far, shadows),
+        GoldenScene("npr", discs, far, RenderSettings(0.125, shader="npr")),
+        GoldenScene("depth", discs, far, RenderSettings(0.125, shader="depth")),
+        GoldenScene("lightmap", discs, far, lightmap),
+        GoldenScene("tiny_shadows", tiny, tiny_camera, replace(shadows, shader="npr")),
         GoldenScene("zwicker04", discs, far, conic),
         GoldenScene("zwicker01", small, far, RenderSettings(0.125, method="zwicker01", facing="cull")),
         GoldenScene("botsch04", with_field(discs), far, replace(fragments, facing="flip")),
