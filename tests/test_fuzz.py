@@ -13,6 +13,7 @@ from hypothesis.extra import numpy as npst
 
 import splatcl
 from splatcl import Camera, Light, Material, RenderSettings, SplatclError, Splats
+from splatcl.errors import InvalidSplatsError
 
 FUZZ = settings(
     max_examples=60, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -141,7 +142,13 @@ def test_whatever_is_accepted_renders(renderer, frame):
     """Caught: a mean depth that is divided by a weight sum of 0; a normal sum of length 0 that is normalised."""
     splats, camera, choices = frame
     assume(splats is not None and camera is not None and choices is not None)
-    check(renderer.render(splats, camera, choices), camera, choices)
+    try:
+        frame = renderer.render(splats, camera, choices)
+    except InvalidSplatsError:  # circles about the largest discs, and halves of the largest numbers, may be too large
+        assert choices.circular or choices.half_inputs
+        assert max(splats.radius.max(), np.abs(splats.bounds).max()) > 5e14
+        return
+    check(frame, camera, choices)
 
 
 @FUZZ
