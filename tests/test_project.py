@@ -32,7 +32,7 @@ SETTINGS = {
     "bounds": RenderSettings(epsilon=EPSILON, prefilter_center="bounds", prefilter_radius=1.75),
     "double": RenderSettings(epsilon=EPSILON, prefilter_center="bounds", precision="double"),
 }
-AMPLE = {"outside", "off_center", "orthographic"}
+AMPLE = ("outside", "off_center", "orthographic")
 
 
 def project(device, scene_name, camera_name, settings):
