@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from passes import DevicePasses
 from scenes import CAMERAS, SCENES
 from tolerances import (
+    BOX_SLACK,
     COLOR_LIT,
     DOUBLE_METHODS,
     DOUBLE_UNITS,
@@ -310,3 +312,32 @@ def test_probe_and_check_follow_the_method(renderer):
         assert (last.weight, last.count) == (frame["weight"][y, x].item(), frame["count"][y, x].item())
         assert (probe.depth, probe.particleid) == (frame["Z"][y, x].item(), frame["particleid"][y, x].item())
         assert all(one.passed for one in frame.check())
+
+
+@pytest.mark.parametrize("prefilter", ["none", "ewa"])
+def test_conic_boxes_are_exact(device, prefilter):
+    """The record's pixels are those between the extremes of the sampled rim, or of the filtered ellipse's contour."""
+    settings = RenderSettings(0.1, footprint="conic", prefilter=prefilter)
+    splats, camera = extended("random_ellipses", 12), CAMERAS["outside"]
+    records, _ = DevicePasses(device, splats, camera, settings).project()
+    projected = oracle.project(splats, camera, settings)
+    angle = np.linspace(0, 2 * np.pi, 3000, endpoint=False)
+    circle = np.stack([np.cos(angle), np.sin(angle)])
+    checked = 0
+    for record in records:
+        i = record["id"]
+        c, u, v = projected.center_eye[i], projected.tangent_u_eye[i], projected.tangent_v_eye[i]
+        rim = c + circle[0][:, None] * u + circle[1][:, None] * v
+        points = rim[:, :2] / rim[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+        if prefilter == "ewa":  # widen the ellipse through them by the low-pass filter's variance
+            middle, m = ellipse_through(points)
+            points = middle + (np.linalg.cholesky(m @ m.T + settings.cutoff**2 * np.eye(2)) @ circle).T
+        low, high = points.min(axis=0) - 0.5, points.max(axis=0) - 0.5  # in pixels' centres
+        size = np.array([camera.width, camera.height])
+        first, last = np.maximum(np.ceil(low), 0), np.minimum(np.floor(high), size - 1)
+        box = np.array([[record["x_min"], record["y_min"]], [record["x_max"], record["y_max"]]])
+        assert (box[0] <= first).all() and (box[1] >= last).all()
+        near_a_pixel = np.abs(np.stack([low, high]) - np.round([low, high])) < BOX_SLACK
+        assert (near_a_pixel | (box == np.stack([first, last])))[np.stack([low > 0, high < size - 1])].all()
+        checked += 1
+    assert checked > 100

@@ -272,6 +272,9 @@ SINGLE_METHODS = 4e-6
 COLOR_LIT = 3e-5
 """Phong's power multiplies a normal's error by the shininess (seen: 2.3e-6)."""
 
+BOX_SLACK = 0.02
+"""Pixels from a pixel's centre within which a box's end may take it along or not (BOUNDS_LOOSER)."""
+
 DOUBLE_METHODS = 1e-12
 """All of these in float64 (seen: 5e-14)."""
 
