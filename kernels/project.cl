@@ -1,8 +1,6 @@
 // Project: the splats of the tile lists -> the records that the raster passes stream, one for each entry.
 // Centres may have a low word (CENTER_LOW 1: float64 input in single precision).
 // A work-item takes ENTRIES entries, LANES at a time.
-//
-// LAYER  EVERY entry; or first those in FRONT, and when these are drawn, those BEHIND that they do not hide
 
 #include "arithmetic.h"
 #include "eye.h"
@@ -13,14 +11,7 @@
 #include "projected.h"
 #include "bounds.h"
 #include "clue.h"
-#if SHADING == PER_SPLAT
-#include "surface.h"
-#include SHADER
-#endif
-
-#define EVERY 0
-#define FRONT 1
-#define BEHIND 2
+#include "layer.h"
 
 // Coverage is decided per pixel (splat.h); bounds only have to be safe. SLACK_PIXELS covers the rounding of the
 // pixel offsets, the relative terms that of the coefficients, which grows with 1/cos(tilt).
@@ -38,6 +29,7 @@
 #if EXTRA
 #include "extend.h"
 #endif
+#include "gouraud.h"
 
 #define KEEP 0
 #define FLIP 1
@@ -233,37 +225,6 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   return s;
 }
 
-#if SHADING == PER_SPLAT
-#define LIGHTS , constant Shading *shading, constant PhongLight *lights
-
-// The splats' colours, lit at their centres ([BK03]).
-static inline reals3 lit_color(const projected *s, reals3 color, constant Shading *shading, constant PhongLight *lights)
-{
-  Surface p;
-  p.position = s->center;
-  p.normal.x = s->normal_x;
-  p.normal.y = s->normal_y;
-  p.normal.z = s->normal_z;
-  p.albedo = color;
-  p.to_eye.x = p.to_eye.y = R(0.0);
-  p.to_eye.z = R(-1.0);
-#if !ORTHOGRAPHIC
-  p.to_eye = normalize3(scale3(s->center, R(-1.0)));
-#endif
-  p.specular = (reals)shading->specular;
-  p.shininess = (reals)shading->shininess;
-#if GLOSS
-  p.specular = SELECT(p.specular, s->extra.specular, MASK(s->extra.specular == s->extra.specular));
-  p.shininess = SELECT(p.shininess, s->extra.shininess, MASK(s->extra.shininess == s->extra.shininess));
-#endif
-  p.mean_depth = p.distance = s->center.z;
-  p.covered = (masks)-1;
-  return shade_surface(&p, shading, lights);
-}
-#else
-#define LIGHTS
-#endif
-
 // The lists lead to splats in any order, which caches do not hold: ask for each both of its cache lines AHEAD entries
 // before. (Waiting for them took half of the projection's time; prefetch() does nothing in PoCL.)
 #define AHEAD 24
@@ -275,23 +236,6 @@ static inline reals3 lit_color(const projected *s, reals3 color, constant Shadin
 #endif
 
 #define LOW(lane, axis) center_low[3 * ids[entry[lane]] + axis]
-
-// The entries in [begin, end) that this layer projects; return how many.
-static inline int entries_of_layer(global const int *clues, int begin, int end, int *entry)
-{
-  int num = 0;
-  for (int i = begin; i < end; ++i) {
-    entry[num] = i;
-#if LAYER == EVERY
-    ++num;
-#elif LAYER == FRONT
-    num += NEAR_BITS(clues[i]) == 0;
-#else
-    num += (NEAR_BITS(clues[i]) != 0) & (clues[i] != HIDDEN);
-#endif
-  }
-  return num;
-}
 
 // A record for each entry of the tile lists that LAYER names: EVERY one; those in FRONT; or those BEHIND that are not
 // hidden (hide.cl). Of the others near_z says that there are no pixels.

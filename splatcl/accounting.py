@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl import oracle, pipeline
+from splatcl.aovs import DeviceAovs
 from splatcl.camera import Camera
 from splatcl.frame import Frame
 from splatcl.passes import Passes
 from splatcl.pipeline import DepthBuffer, ProjectedSplats, TileLists
-from splatcl.render import DeviceAovs, Renderer, Resident
+from splatcl.render import Renderer, Resident
 from splatcl.resident import ResidentSplats
 from splatcl.settings import RenderSettings, Target
 from splatcl.splats import Splats

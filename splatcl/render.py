@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache, cached_property
 from typing import Any, TypeVar
@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl import pipeline
+from splatcl.aovs import DeviceAovs
 from splatcl.camera import Camera
 from splatcl.device import DeviceQueue, WorkItem, forked
 from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
 from splatcl.lighting import Shadows
 from splatcl.passes import BEHIND, Passes
-from splatcl.pipeline import DepthBuffer, GBuffer
 from splatcl.resident import ResidentSplats, upload
 from splatcl.settings import RenderSettings
 from splatcl.shadows import cast
-from splatcl.splats import PREFIX, Splats
+from splatcl.splats import Splats
 from splatcl.supersampling import NEIGHBOURS, supersampled
 from splatcl.worker import worker
 
@@ -222,65 +222,6 @@ def _draw(
     }
     color = pipeline.shade(passes, view, depth, gbuffer, epsilon, names, shadows)
     return DeviceAovs(passes, view, depth, gbuffer, color, names)
-
-
-class DeviceAovs(Mapping[str, NDArray[Any]]):
-    """The AOVs of one frame, read from the device, and resolved there, when first asked for."""
-
-    def __init__(
-        self,
-        passes: Passes,
-        view: Any,
-        depth: DepthBuffer,
-        gbuffer: GBuffer,
-        color: Any,
-        channels: Mapping[str, tuple[Any, int]] | None = None,
-    ) -> None:
-        self._passes = passes
-        self._channels = {PREFIX + name: place for name, place in (channels or {}).items()}
-        self._resolve: Callable[[], dict[str, Any]] = lambda: pipeline.resolve(passes, view, depth, gbuffer)
-        self._buffers: dict[str, tuple[Any, int, str]] = {
-            "color": (color, 4, ""),
-            "Z": (depth.depth, 1, ""),
-            "depth.mean": (None, 1, ""),
-            "depth.distance": (None, 1, ""),
-            "P": (None, 3, ""),
-            "N": (None, 3, ""),
-            "albedo": (None, 3, ""),
-            "weight": (gbuffer.weight_sum, 1, ""),
-            "count": (gbuffer.count, 1, "u4"),
-            "particleid": (depth.particleid, 1, "u4"),
-            **{name: (image, 3, "") for name, (image, _) in self._channels.items()},
-        }
-        if passes.settings.shading != "deferred":
-            del self._buffers["albedo"]  # what was blended is lit
-        self._arrays: dict[str, NDArray[Any]] = {}
-
-    def __getitem__(self, name: str) -> NDArray[Any]:
-        if name not in self._arrays and forked():
-            raise DeviceError(f"read the frame's {name} before forking: a forked process cannot reach its device")
-        if name not in self._arrays:
-            with self._passes.device.lock:
-                self._arrays[name] = self._read(name)
-        return self._arrays[name]
-
-    def _read(self, name: str) -> NDArray[Any]:
-        if self._buffers[name][0] is None:
-            for resolved, buffer in self._resolve().items():
-                if resolved not in self._buffers:
-                    continue
-                self._buffers[resolved] = (buffer, *self._buffers[resolved][1:])
-        buffer, channels, dtype = self._buffers[name]
-        camera = self._passes.camera
-        shape: tuple[int, ...] = (camera.height, camera.width) + ((channels,) if channels > 1 else ())
-        array = self._passes.device.read(buffer, shape, dtype or self._passes.real)
-        return np.ascontiguousarray(array[..., self._channels[name][1]]) if name in self._channels else array
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._buffers)
-
-    def __len__(self) -> int:
-        return len(self._buffers)
 
 
 @cache
