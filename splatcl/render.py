@@ -51,8 +51,8 @@ class Resident:
         """Return the splats as the settings take them, and keep them; `SettingsError` where they cannot."""
         if settings.normals == "field" and self.splats.normal_du is None:
             raise SettingsError(
-                "normals='field' needs splats with a normal field: splatcl.normal_fields(splats) estimates one "
-                "(splatcl fields IN -o OUT)"
+                "normals='field' needs splats with a normal field: splatcl fields IN -o OUT estimates one, "
+                "splatcl decimate --fields fits one to fewer splats"
             )
         key = (settings.half_inputs, settings.circular)
         if key not in self._prepared:
