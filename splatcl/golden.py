@@ -109,7 +109,7 @@ def scenes() -> tuple[GoldenScene, ...]:
         *methods(discs, small, tiny, far, flat, tiny_camera),
     ]
     twice = ["ordinary", "near_plane", "orthographic", "sub_pixel_bounds", "table_linear", "lights", "tiny"]
-    twice += ["zwicker04", "float16", "tiny_everything"]
+    twice += ["zwicker04", "float16"]
     doubled = [s for s in found if s.name in twice]
     found += [replace(s, name=f"{s.name}_double", settings=replace(s.settings, precision="double")) for s in doubled]
     return tuple(found)
