@@ -54,7 +54,7 @@ class Resident:
                 "normals='field' needs splats with a normal field: splatcl fields IN -o OUT estimates one, "
                 "splatcl decimate --fields fits one to fewer splats"
             )
-        key = (settings.half_inputs, settings.circular)
+        key = (settings.half_inputs, bool(settings.circular))
         if key not in self._prepared:
             splats = self.splats.half_precision() if settings.half_inputs else self.splats
             splats = splats.circular() if settings.circular else splats

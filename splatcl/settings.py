@@ -10,11 +10,11 @@ from splatcl.errors import SettingsError
 from splatcl.lights import Light, Material, Npr
 
 Method = Literal["botsch05", "zwicker04", "zwicker01", "botsch04", "botsch03"]
-Footprint = Literal["raycast", "affine", "conic"]
-Normals = Literal["constant", "field"]
-Shading = Literal["deferred", "fragment", "splat"]
+Footprint = Literal["method", "raycast", "affine", "conic"]
+Normals = Literal["method", "constant", "field"]
+Shading = Literal["method", "deferred", "fragment", "splat"]
 Along = Literal["z", "ray"]
-Prefilter = Literal["min", "none", "ewa"]
+Prefilter = Literal["method", "min", "none", "ewa"]
 PrefilterCenter = Literal["projected", "bounds"]
 Kernel = Literal["gaussian", "constant", "table"]
 KernelLookup = Literal["nearest", "linear"]
@@ -48,7 +48,7 @@ class RenderSettings:
     ----------
     method : {"botsch05", "zwicker04", "zwicker01", "botsch04", "botsch03"}
         The paper's system whose choices of `footprint`, `circular`, `prefilter`, `normals` and `shading` are
-        taken where those are not given (docs/methods.md). It is applied when the settings are made:
+        taken where those are "method" (None) or not given (docs/methods.md). It is applied when the settings are made:
         ``dataclasses.replace(settings, method=...)`` does not change them again.
     footprint : {"raycast", "affine", "conic"}
         What of the screen a disc covers: the pixels whose rays hit it ([BHZK05]), the ellipse of the projection's
@@ -110,7 +110,7 @@ class RenderSettings:
 
     epsilon: float | Literal["auto"] = "auto"
     along: Along = "z"
-    prefilter: Prefilter = None  # type: ignore[assignment] # as are those below, the method's where not given
+    prefilter: Prefilter = "method"
     prefilter_radius: float = 1.0
     prefilter_center: PrefilterCenter = "projected"
     cutoff: float = 2.0
@@ -123,10 +123,10 @@ class RenderSettings:
     material: Material = Material()  # noqa: RUF009 - frozen
     precision: Precision = "single"
     method: Method = "botsch05"
-    footprint: Footprint = None  # type: ignore[assignment]
-    circular: bool = None  # type: ignore[assignment]
-    normals: Normals = None  # type: ignore[assignment]
-    shading: Shading = None  # type: ignore[assignment]
+    footprint: Footprint = "method"
+    circular: bool | None = None
+    normals: Normals = "method"
+    shading: Shading = "method"
     target: Target = "auto"
     half_inputs: bool = False
     supersampling: int = 1
@@ -137,7 +137,7 @@ class RenderSettings:
 
     def __post_init__(self) -> None:
         for name, default in (DEFAULTS | METHODS.get(self.method, {})).items():
-            if getattr(self, name) is None:
+            if getattr(self, name) in ("method", None):
                 self._set(name, default)
         _check_choices(self)
         self._set("lights", _tuple_of("lights", self.lights, Light))
