@@ -93,7 +93,11 @@ def test_the_default_device(renderer):
     assert golden.check(renderer) == []
 
 
-@pytest.mark.parametrize("tile_size", [8, 32, 64])
+SLOW = pytest.mark.slow
+"""Marks ways of working that .ci/runtimes takes as well, on every runtime."""
+
+
+@pytest.mark.parametrize("tile_size", [pytest.param(8, marks=SLOW), 32, pytest.param(64, marks=SLOW)])
 def test_tile_sizes(tile_size):
     """Mutation: `least(REGION, 16) - 1` in place of `REGION - 1` in boxes_of."""
     assert check_plain(Renderer(tile_size=tile_size)) == []
@@ -105,7 +109,7 @@ def test_tiles_and_lanes_of_every_method(scenes):
     assert golden.check(Renderer(lanes=4, tile_size=32), names) == []
 
 
-@pytest.mark.parametrize("lanes", [1, 4, 16])
+@pytest.mark.parametrize("lanes", [1, pytest.param(4, marks=SLOW), pytest.param(16, marks=SLOW)])
 def test_lanes(lanes):
     """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in attributes.cl's large_box."""
     if lanes == 16 and "PoCL 3.0" in device.choose_device().version:
@@ -115,13 +119,15 @@ def test_lanes(lanes):
         assert check_plain(Renderer(lanes=lanes)) == []
 
 
-@pytest.mark.parametrize(("tile_size", "check"), [(8, golden.check), (16, check_plain)])
+@pytest.mark.parametrize(
+    ("tile_size", "check"), [(8, golden.check), pytest.param(16, check_plain, marks=SLOW)], ids=["8", "16"]
+)
 def test_a_work_item_per_pixel(tile_size, check):
     """Mutation: `part / (TILE / 2)` in place of `part / REGIONS_X` in region_of."""
     assert check(Renderer(mapping="pixel", tile_size=tile_size)) == []
 
 
-@pytest.mark.parametrize("group", [1, 16, 32])
+@pytest.mark.parametrize("group", [pytest.param(1, marks=SLOW), 16, pytest.param(32, marks=SLOW)])
 def test_group_sizes_of_pixels(monkeypatch, group):
     """Mutation: visibility's region_of given `get_group_id(0) * get_local_size(0) / 64 * 64 + get_local_id(0)`."""
     monkeypatch.setattr(passes, "PIXEL_GROUP", group)
