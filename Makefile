@@ -2,8 +2,9 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV ?= .venv
 BIN := $(VENV)/bin
-# A process for each core; a file's tests stay in one process, which keeps the kernels that it has built.
-PARALLEL ?= --numprocesses auto --dist loadfile
+# A process for each core; a file's tests stay in one process, which keeps the kernels that it has built. Files in their
+# order, as those of few tests may take long.
+PARALLEL ?= --numprocesses auto --dist loadfile --no-loadscope-reorder
 
 .PHONY: demo test test-all lint format reference-images golden runtimes contact-sheet \
 	bench-check bench-check-update clean
