@@ -76,7 +76,7 @@ def check(file: Path, ways: tuple[dict[str, Any], ...], tiny: bool) -> int:
         except DeviceError as error:
             print(f"{way}: not on this runtime: {error}")
             continue
-        some = tiny or (slow and lanes > 1)  # a minute to compile for each few scenes
+        some = tiny or lanes == 4 or (slow and lanes > 1)  # a minute to compile for each few scenes
         scenes = [s for s in golden.renderable(renderer) if s.tiny or not some]
         # In further ways those whose programs many scenes share; tests/test_golden.py takes others on PoCL.
         names = [s.name for s in scenes if s.plain or way == ways[0]]
