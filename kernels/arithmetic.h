@@ -119,6 +119,13 @@ static inline int least(int a, int b) { return a < b ? a : b; }
 
 #include "divide.h"
 
+// A vector without a length stays zero.
+static inline reals3 normalize3(reals3 v)
+{
+  const reals length2 = dot3(v, v);
+  return scale3(v, SELECT(R(0.0), divide(R(1.0), square_root(length2)), MASK(length2 > R(0.0))));
+}
+
 // Nearest integer, ties to even: adding 1.5 * 2^MANTISSA leaves no fraction bits. (rint is a call on some runtimes.)
 #define ROUND_MAGIC ((real)(3L << (MANTISSA - 1)))
 static inline reals round_even(reals x)

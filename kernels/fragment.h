@@ -90,6 +90,17 @@ static inline void accumulate(real8 *sums, const real8 *attributes, real weight,
 #endif
 }
 
+// Divide the first six, which are what weights multiply.
+static inline void divide_six(real8 *s, real by)
+{
+  s->s0 = divide_real(s->s0, by);
+  s->s1 = divide_real(s->s1, by);
+  s->s2 = divide_real(s->s2, by);
+  s->s3 = divide_real(s->s3, by);
+  s->s4 = divide_real(s->s4, by);
+  s->s5 = divide_real(s->s5, by);
+}
+
 // Sums as values; those of channels as means already.
 static inline real8 as_values(real8 s)
 {
@@ -97,23 +108,12 @@ static inline real8 as_values(real8 s)
 #if !CHANNELS
   s.s345 = s.s345 * R(2.0) - s.SUM_WEIGHT;
 #endif
-  s.s0 = divide_real(s.s0, UNITS);
-  s.s1 = divide_real(s.s1, UNITS);
-  s.s2 = divide_real(s.s2, UNITS);
-  s.s3 = divide_real(s.s3, UNITS);
-  s.s4 = divide_real(s.s4, UNITS);
-  s.s5 = divide_real(s.s5, UNITS);
+  divide_six(&s, UNITS);
   s.SUM_WEIGHT = divide_real(s.SUM_WEIGHT, UNITS);
 #endif
 #if CHANNELS
-  const real weight = s.SUM_WEIGHT;
-  if (!(weight > R(0.0))) return (real8)R(0.0);
-  s.s0 = divide_real(s.s0, weight);
-  s.s1 = divide_real(s.s1, weight);
-  s.s2 = divide_real(s.s2, weight);
-  s.s3 = divide_real(s.s3, weight);
-  s.s4 = divide_real(s.s4, weight);
-  s.s5 = divide_real(s.s5, weight);
+  if (!(s.SUM_WEIGHT > R(0.0))) return (real8)R(0.0);
+  divide_six(&s, s.SUM_WEIGHT);
 #endif
   return s;
 }

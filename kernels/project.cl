@@ -37,8 +37,7 @@
 
 static inline reals3 oriented_normal(constant View *view, reals3 g, reals3 center, reals *facing_dot)
 {
-  const reals length2 = dot3(g, g);  // 0 where rounding makes nearly parallel tangents parallel
-  reals3 n = scale3(g, SELECT(R(0.0), divide(R(1.0), square_root(length2)), MASK(length2 > R(0.0))));
+  const reals3 n = normalize3(g);  // 0 where rounding makes nearly parallel tangents parallel
   *facing_dot = ORTHOGRAPHIC ? n.z : dot3(n, center);
   masks away = MASK(*facing_dot >= R(0.0)) & (masks)(view->facing == FLIP ? -1 : 0);
   reals3 flipped = {SELECT(n.x, -n.x, away), SELECT(n.y, -n.y, away), SELECT(n.z, -n.z, away)};

@@ -10,3 +10,5 @@ static inline reals ray_y(constant View *view, reals y)
 {
   return divide(((y + (real)view->first_row) - view->cy_hi) - view->cy_lo, view->fy_hi);
 }
+
+static inline reals3 ray_point(reals3 d, reals z) { return ORTHOGRAPHIC ? (reals3){d.x, d.y, z} : scale3(d, z); }

@@ -28,13 +28,6 @@ typedef struct {
 #define TAKE_LIGHT_ARGUMENTS(s)
 #endif
 
-// A vector without a length stays zero.
-static inline reals3 normalize3(reals3 v)
-{
-  const reals length2 = dot3(v, v);
-  return scale3(v, SELECT(R(0.0), divide(R(1.0), square_root(length2)), MASK(length2 > R(0.0))));
-}
-
 static inline reals3 select3(reals3 no, reals3 yes, masks mask)
 {
   return (reals3){SELECT(no.x, yes.x, mask), SELECT(no.y, yes.y, mask), SELECT(no.z, yes.z, mask)};
@@ -62,33 +55,12 @@ static inline Surface resolve_surface(constant View *view, reals x, reals y, rea
   s.mean_depth = SELECT((real)INFINITY, divide(depth_sum, weight_sum), s.covered);
   const reals z = SELECT(s.mean_depth, depth, MASK(depth < (real)INFINITY));  // else only the pre-filter landed
   s.distance = ORTHOGRAPHIC ? z : square_root(dot3(d, d)) * z;
-  s.position = ORTHOGRAPHIC ? (reals3){d.x, d.y, z} : scale3(d, z);
+  s.position = ray_point(d, z);
   s.to_eye = toward_eye(d, s.covered);
   const reals3 albedo = {divide(color_sum.x, weight_sum), divide(color_sum.y, weight_sum),
                          divide(color_sum.z, weight_sum)};
   s.position = select3(zero, s.position, s.covered);
   s.albedo = select3(zero, albedo, s.covered);
   s.normal = select3(zero, normalize3(normal_sum), s.covered);
-  return s;
-}
-
-// A point of a splat itself, at depth z on a pixel's ray.
-static inline Surface surface_point(constant View *view, reals x, reals y, reals z, reals3 normal, reals3 color,
-                                    constant Shading *shading)
-{
-  const reals3 d = {ray_x(view, x), ray_y(view, y), R(1.0)};
-  Surface s;
-  s.position = ORTHOGRAPHIC ? (reals3){d.x, d.y, z} : scale3(d, z);
-  s.normal = normal;
-  s.albedo = color;
-  s.to_eye.x = s.to_eye.y = R(0.0);
-  s.to_eye.z = R(-1.0);
-#if !ORTHOGRAPHIC
-  s.to_eye = normalize3(scale3(d, R(-1.0)));
-#endif
-  s.specular = (reals)shading->specular;
-  s.shininess = (reals)shading->shininess;
-  s.mean_depth = s.distance = z;
-  s.covered = (masks)-1;
   return s;
 }

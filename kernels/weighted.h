@@ -2,9 +2,7 @@
 // weight.h, and of those who light each fragment the build option SHADER.
 
 #if SHADING == PER_FRAGMENT
-#include "surface.h"
-#include SHADER
-#define LIGHTS , constant Shading *shading, constant PhongLight *lights
+#include "lit.h"
 #define THE_LIGHTS , view, shading, lights
 #else
 #define LIGHTS
@@ -33,12 +31,6 @@ typedef struct {
 } weighted;
 
 #if VARYING
-static inline reals3 unit3(reals3 v)
-{
-  const reals length2 = dot3(v, v);
-  return scale3(v, SELECT(R(0.0), divide(R(1.0), square_root(length2)), MASK(length2 > R(0.0))));
-}
-
 // What the fragments themselves add: their own normals, and colours that are lit already ([BSK04]).
 static inline void vary(weighted *t, const extras *e, const hit *h, const fragment *f, reals x, reals y, const rules *r)
 {
@@ -46,15 +38,13 @@ static inline void vary(weighted *t, const extras *e, const hit *h, const fragme
   t->normal = e->normal;
 #if FIELD
   const reals u = SELECT(R(0.0), h->u * f->inverse_den, f->disc), v = SELECT(R(0.0), h->v * f->inverse_den, f->disc);
-  t->normal = unit3(add3(e->normal, add3(scale3(e->normal_du, u), scale3(e->normal_dv, v))));
+  t->normal = normalize3(add3(e->normal, add3(scale3(e->normal_du, u), scale3(e->normal_dv, v))));
 #endif
 #if SHADING == PER_FRAGMENT
   const reals column = x - (real)r->view->first_column, row = y - (real)r->view->first_row;  // in the window
-  Surface s = surface_point(r->view, column, row, t->z, t->normal, t->color, r->shading);
-#if GLOSS
-  s.specular = SELECT(s.specular, e->specular, MASK(e->specular == e->specular));  // else the material's
-  s.shininess = SELECT(s.shininess, e->shininess, MASK(e->shininess == e->shininess));
-#endif
+  const reals3 d = {ray_x(r->view, column), ray_y(r->view, row), R(1.0)};
+  const reals3 position = ray_point(d, t->z);
+  const Surface s = surface_point(position, d, t->normal, t->color, e, r->shading);
   t->color = shade_surface(&s, r->shading, r->lights);
 #endif
 }
