@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.lighting import shading_structs as shading_structs
-from splatcl.passes import BEHIND, EVERY, PER_FRAGMENT, PER_SPLAT, PREFILTERS, Passes
+from splatcl.lighting import shading_structs
+from splatcl.passes import BEHIND, EVERY, PER_FRAGMENT, PER_SPLAT, Passes
 from splatcl.resident import PLANE_PAD, ResidentSplats
 from splatcl.settings import RenderSettings
 from splatcl.shading import resolve as resolve
@@ -216,6 +216,18 @@ def visibility(
     )  # fmt: skip
 
 
+def project_and_see(
+    passes: Passes, view: Any, splats: ResidentSplats, lists: TileLists, depth: DepthBuffer, epsilon: float
+) -> ProjectedSplats:
+    """Project a band's entries and fill its part of `depth`, layer by layer; return the records of them all."""
+    for layer in passes.layers:
+        if layer == BEHIND:
+            hide(passes, lists, depth, epsilon)
+        projected = project(passes, view, splats, lists, layer)
+        visibility(passes, lists, projected, depth, layer)
+    return projected
+
+
 def attributes(
     passes: Passes,
     view: Any,
@@ -271,7 +283,7 @@ def _run_attributes(
 
 
 def fragment_arguments(passes: Passes, epsilon: float) -> tuple[tuple[Any, ...], dict[str, int]]:
-    """Return the arguments and build options that say which fragments there are (fragment.h) and weigh them."""
+    """Return arguments and build options that, with `Passes.method`, say which fragments there are and weigh them."""
     settings = passes.settings
     kernel = {"gaussian": 0, "constant": 1, "table": 2}[settings.kernel]
     kernel += settings.kernel == "table" and settings.kernel_lookup == "linear"
@@ -280,8 +292,7 @@ def fragment_arguments(passes: Passes, epsilon: float) -> tuple[tuple[Any, ...],
         float(epsilon), settings.along == "ray", -(settings.cutoff**2) / 2, settings.prefilter_radius**-2,
         passes.constant(table), len(table),
     )  # fmt: skip
-    prefilter = PREFILTERS[settings.prefilter]
-    return arguments, {"PREFILTER": prefilter, "KERNEL": int(kernel), "TARGET": passes.target}
+    return arguments, {"KERNEL": int(kernel), "TARGET": passes.target}
 
 
 def effective_settings(settings: RenderSettings, oriented: bool) -> RenderSettings:

@@ -15,7 +15,7 @@ from splatcl.errors import SettingsError, SplatclError
 from splatcl.lighting import light_options
 from splatcl.passes import Passes
 from splatcl.render import Renderer, Resident, default_renderer
-from splatcl.resident import GLOSS
+from splatcl.resident import GLOSS, channel_names
 from splatcl.settings import RenderSettings
 from splatcl.shading import Channels, Surface, shade_surface
 from splatcl.shadows import cast
@@ -134,15 +134,13 @@ def _shade(
 
 def _channels(passes: Passes, attributes: Mapping[str, NDArray[Any]]) -> Channels:
     """Put the attributes on the device three by three, specular and shininess first, as the attribute pass does."""
-    names = [name for name in attributes if name not in GLOSS]
-    if {*GLOSS} & attributes.keys():
-        names = [*GLOSS, *names]
+    names = channel_names(attributes)
     places: dict[str, tuple[Any, int]] = {}
     for start in range(0, len(names), 3):
         group = names[start : start + 3]
         image = np.zeros((passes.camera.height, passes.camera.width, 3), passes.real)
         for k, name in enumerate(group):
-            image[..., k] = attributes.get(name, 0)
+            image[..., k] = attributes[name] if name else 0
         buffer = passes.constant(image)
-        places |= {name: (buffer, k) for k, name in enumerate(group) if name in attributes}
+        places |= {name: (buffer, k) for k, name in enumerate(group) if name}
     return places

@@ -17,7 +17,7 @@ from splatcl.device import DeviceQueue, WorkItem, forked
 from splatcl.errors import DeviceError, SettingsError
 from splatcl.frame import Frame
 from splatcl.lighting import Shadows
-from splatcl.passes import BEHIND, Passes
+from splatcl.passes import Passes
 from splatcl.resident import ResidentSplats, upload
 from splatcl.settings import RenderSettings
 from splatcl.shadows import cast
@@ -206,11 +206,7 @@ def _draw(
     depth, gbuffer = pipeline.frame_buffers(passes)
     channels = [(passes.image(3), passes.image(3)) for _ in on_device.channels]
     for lists in pipeline.bin(passes, view, on_device):
-        for layer in passes.layers:
-            if layer == BEHIND:
-                pipeline.hide(passes, lists, depth, epsilon)
-            projected = pipeline.project(passes, view, on_device, lists, layer)
-            pipeline.visibility(passes, lists, projected, depth, layer)
+        projected = pipeline.project_and_see(passes, view, on_device, lists, depth, epsilon)
         pipeline.attributes(passes, view, lists, projected, depth, epsilon, gbuffer)
         for group, images in zip(on_device.channels, channels, strict=True):
             pipeline.channels(passes, view, lists, projected, depth, epsilon, group.values, images)

@@ -71,15 +71,11 @@ def upload(device: DeviceQueue, splats: Splats, precision: Precision) -> Residen
     rest = center - center.astype(real)
     if rest.any():
         buffers["center_low"] = device.upload(np.ascontiguousarray(rest, real))
-    if _has_extra(splats):
-        buffers["extra"] = device.upload(_extra(splats, real))
     options = {"CLIP": int(splats.clip is not None), "GLOSS": int(bool({*GLOSS} & splats.attributes.keys()))}
+    if any(options.values()) or splats.normal_du is not None:
+        buffers["extra"] = device.upload(_extra(splats, real))
     channels = tuple(Channels(names, device.upload(values)) for names, values in _channels(splats, real))
     return ResidentSplats(**buffers, origin=origin, num_splats=num, stride=stride, options=options, channels=channels)
-
-
-def _has_extra(splats: Splats) -> bool:
-    return splats.clip is not None or splats.normal_du is not None or bool({*GLOSS} & splats.attributes.keys())
 
 
 def _extra(splats: Splats, real: np.dtype[Any]) -> NDArray[Any]:
@@ -93,9 +89,7 @@ def _extra(splats: Splats, real: np.dtype[Any]) -> NDArray[Any]:
 
 def _channels(splats: Splats, real: np.dtype[Any]) -> Iterator[tuple[tuple[str, ...], NDArray[Any]]]:
     """Yield the attributes six by six, in rows of eight; specular and shininess come first (kernels/shade.cl)."""
-    names = [name for name in splats.attributes if name not in GLOSS]
-    if {*GLOSS} & splats.attributes.keys():
-        names = [*(name if name in splats.attributes else "" for name in GLOSS), *names]
+    names = channel_names(splats.attributes)
     for first in range(0, len(names), 6):
         group = tuple(names[first : first + 6])
         values = np.zeros((max(len(splats), 1), 8), real)
@@ -103,6 +97,13 @@ def _channels(splats: Splats, real: np.dtype[Any]) -> Iterator[tuple[tuple[str, 
             if name:
                 values[: len(splats), k] = splats.attributes[name]
         yield group, values
+
+
+def channel_names(attributes: Mapping[str, Any]) -> list[str]:
+    """Return attributes' names in the order of the channels: any gloss first, as two, "" for one that is not there."""
+    names = [name for name in attributes if name not in GLOSS]
+    has_gloss = bool({*GLOSS} & attributes.keys())
+    return [*(name if name in attributes else "" for name in GLOSS if has_gloss), *names]
 
 
 def near_origin(center: NDArray[Any]) -> NDArray[np.float64]:

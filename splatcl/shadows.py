@@ -14,7 +14,7 @@ from splatcl.camera import Camera
 from splatcl.errors import SettingsError
 from splatcl.lighting import Shadows, light_options
 from splatcl.lights import Light
-from splatcl.passes import BEHIND, Passes, rotated
+from splatcl.passes import Passes, rotated
 from splatcl.pipeline import DepthBuffer
 from splatcl.resident import ResidentSplats
 from splatcl.settings import RenderSettings
@@ -132,11 +132,7 @@ def _draw(passes: Passes, camera: Camera, splats: ResidentSplats, depths: Any) -
     seen = Passes(passes.device, camera, settings, passes.tile_size, passes.precision)
     view, depth = seen.view(splats.origin), DepthBuffer(depths, passes.device.buffer(camera.width**2 * 4))
     for lists in pipeline.bin(seen, view, splats):
-        for layer in seen.layers:
-            if layer == BEHIND:
-                pipeline.hide(seen, lists, depth, 0.0)
-            projected = pipeline.project(seen, view, splats, lists, layer)
-            pipeline.visibility(seen, lists, projected, depth, layer)
+        pipeline.project_and_see(seen, view, splats, lists, depth, 0.0)
 
 
 def map_settings(settings: RenderSettings) -> RenderSettings:

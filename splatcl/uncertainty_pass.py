@@ -124,5 +124,5 @@ def _run_envelope(
         "envelope", (band.last_tile - band.first_tile,), view, band.records, band.bounds, band.values, band.tile_begin,
         band.first_tile, band.first_entry, passes.tiles_x, float(tolerance),
         4.0 * max(camera.width, camera.height), float(epsilon), along_ray, falloff, *table, *scratch, *outputs,
-        REGION=TILE, VALUES=VALUES, CENTER_LOW=0, **options,
+        REGION=TILE, VALUES=VALUES, CENTER_LOW=0, PREFILTER=passes.method["PREFILTER"], **options,
     )  # fmt: skip

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from splatcl import oracle, pipeline
-from splatcl.passes import BEHIND, Passes
+from splatcl.passes import Passes
 from splatcl.pipeline import DepthBuffer, GBuffer
 from splatcl.resident import upload
 
@@ -73,11 +73,7 @@ class DevicePasses:
         """Run everything up to the attribute pass; return its outputs by the names of the dataclasses' fields."""
         depth, gbuffer = pipeline.frame_buffers(self.passes)
         for lists in pipeline.bin(self.passes, self.view, self.splats):
-            for layer in self.passes.layers:
-                if layer == BEHIND:
-                    pipeline.hide(self.passes, lists, depth, self.epsilon)
-                projected = pipeline.project(self.passes, self.view, self.splats, lists, layer)
-                pipeline.visibility(self.passes, lists, projected, depth, layer)
+            projected = pipeline.project_and_see(self.passes, self.view, self.splats, lists, depth, self.epsilon)
             pipeline.attributes(self.passes, self.view, lists, projected, depth, self.epsilon, gbuffer)
         return {name: self._image(name, value) for name, value in (vars(depth) | vars(gbuffer)).items()}
 
