@@ -79,7 +79,7 @@ def _account(
     again : dict of str to array
         The AOVs that no colour enters.
     """
-    settings = replace(settings, shading="deferred", shader="albedo")
+    settings = replace(settings, shading="deferred", shader="albedo", user_shader="")
     white = replace(resident.splats, color=np.tile(CONSTANT_COLOR, (len(resident.splats), 1)))
     passes, on_device = renderer.prepare(renderer.upload(white), camera, settings)
     view, epsilon = passes.view(on_device.origin), resident.epsilon(settings)

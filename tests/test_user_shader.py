@@ -55,6 +55,11 @@ def frame(renderer):
     return renderer.render(random_ellipses(), CAMERAS["off_center"], RenderSettings(EPSILON, lights=LIGHTS))
 
 
+def test_a_frame_of_a_user_s_shader_is_accounted_for(renderer):
+    settings = RenderSettings(EPSILON, **user(PHONG))
+    assert all(one.passed for one in renderer.render(random_ellipses(), CAMERAS["off_center"], settings).check())
+
+
 def test_a_user_can_write_phong(renderer, frame):
     shaded = frame.shade(**user(PHONG))
     n_v = np.abs((frame["N"] * frame["P"]).sum(axis=-1))
