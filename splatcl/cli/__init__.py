@@ -25,14 +25,6 @@ MISTAKEN_PATH = frozenset(
 OPTIONS = {
     **{field.name: f"--{field.name.replace('_', '-')}" for field in fields(RenderSettings) if field.name != "lights"},
     **{name: f"--{name.replace('_', '-')}" for name in ("on_invalid", "tile_size", "allow_inexact", "exposure")},
-    **{
-        "azimuth": "--azimuth",
-        "elevation": "--elevation",
-        "angle": "--angle",
-        "up": "--up",
-        "fov_y": "--fov",
-        "image size": "--size",
-    },
     **{"azimuth": "--azimuth", "elevation": "--elevation", "up": "--up", "fov_y": "--fov", "image size": "--size"},
     **{"error": "--error", "angle": "--angle", "num_neighbors": "--num-neighbors"},
 }
