@@ -8,7 +8,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from splatcl.cli.fields import read_splats, save_splats
+from splatcl.cli.fields import save_splats
+from splatcl.cli.view import read_splats
 from splatcl.io.native import check_output
 from splatcl.splats import OnInvalid
 

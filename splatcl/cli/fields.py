@@ -8,6 +8,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from splatcl.cli.view import read_splats
 from splatcl.io.native import check_output
 from splatcl.progress import stage
 from splatcl.splats import OnInvalid, Splats
@@ -45,19 +46,6 @@ def fields(
         constant = int((~(result.normal_du.any(axis=1) | result.normal_dv.any(axis=1))).sum())
     print(f"estimated {len(result)} normal fields in {time.perf_counter() - start:.2f} s; {constant} are constant")
     save_splats(result, output, said=len(splats.notes))
-
-
-def read_splats(scan: Path, on_invalid: OnInvalid) -> Splats:
-    """Read the splats of a file and say so."""
-    from splatcl import io
-
-    start = time.perf_counter()
-    with stage(f"Reading {scan.name}"):
-        splats = io.read(scan, on_invalid)
-    print(f"read {scan}: {len(splats)} splats in {time.perf_counter() - start:.2f} s")
-    for note in splats.notes:
-        print(f"note: {note}")
-    return splats
 
 
 def save_splats(splats: Splats, path: Path, said: int) -> None:

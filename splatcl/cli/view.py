@@ -99,10 +99,8 @@ class View:
         return int(match[1]), int(match[2])
 
 
-def read_scan(
-    scan: Path, on_invalid: OnInvalid, view: View, camera: Camera | None, say: Callable[[str], None] = print
-) -> tuple[Splats, Camera]:
-    """Return the splats of a file, and `camera` or else one that frames them; `say` what was done."""
+def read_splats(scan: Path, on_invalid: OnInvalid, say: Callable[[str], None] = print) -> Splats:
+    """Return the splats of a file; `say` what was done."""
     from splatcl import io
 
     start = time.perf_counter()
@@ -111,6 +109,16 @@ def read_scan(
     say(f"read {scan}: {len(splats)} splats in {time.perf_counter() - start:.2f} s")
     for note in splats.notes:
         say(f"note: {note}")
+    return splats
+
+
+def read_scan(
+    scan: Path, on_invalid: OnInvalid, view: View, camera: Camera | None, say: Callable[[str], None] = print
+) -> tuple[Splats, Camera]:
+    """Return the splats of a file, and `camera` or else one that frames them; `say` what was done."""
+    from splatcl import io
+
+    splats = read_splats(scan, on_invalid, say)
     if camera:
         return splats, camera
     framed = splats.without_outliers()
