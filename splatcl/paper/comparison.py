@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from splatcl.paper.scenes import (
     checkerboard_camera,
     low_camera,
     on_floor,
+    painted,
     sphere,
     sphere_camera,
     sphere_truth,
@@ -51,7 +52,7 @@ def comparison(run: Run) -> Result:
     """Measure every method on the same scenes."""
     times = _seconds(run)
     figures, measured = [], {}
-    for method in get_args(Method):
+    for method in METHODS:
         normal, color = shading_errors(run, method)
         quality, alias = _checkerboard(run, method)
         measured[method] = one = {
@@ -118,8 +119,8 @@ def shading_errors(run: Run, method: Method) -> tuple[float, float]:
     """Return how far a coarse sphere's normals, degrees, and its Phong colours, /255, are off on average."""
     camera = sphere_camera(run.pixels(WIDTH), run.pixels(WIDTH))
     normals, view = sphere_truth(camera)
-    grey = sphere(COARSE)
-    grey = replace(grey, color=np.full_like(grey.color, 0.6), on_invalid="error")
+    colored = sphere(COARSE)
+    grey = painted(colored, np.full_like(colored.color, 0.6))
     frame = run.render(grey, camera, method=method, material=MATERIAL)
     facing = np.sum(normals * view, axis=-1)
     inner = (facing > INNER) & (frame.color[..., 3] > 0)
@@ -152,7 +153,7 @@ def _seconds(run: Run) -> dict[Method, float]:
     def job(method: Method) -> dict[str, float]:
         return {method: seconds_of(partial(draw, method))}
 
-    jobs = {method: partial(job, method) for method in get_args(Method)}
+    jobs = {method: partial(job, method) for method in METHODS}
     for method in jobs:
         draw(method)
     spreads = turn_by_turn(list(jobs.values()), FRAMES, MAX_SECONDS, lambda steps: None)

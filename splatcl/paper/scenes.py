@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl import io
-from splatcl.bench.scenes import bundled_scan, fibonacci_sphere
+from splatcl.bench.scenes import bundled_scan, fibonacci_sphere, with_field
 from splatcl.camera import Camera
 from splatcl.paper.metrics import box_filtered
 from splatcl.splats import Splats
@@ -135,8 +135,7 @@ def on_floor(camera: Camera) -> Array:
 
 def sphere(num: int) -> Splats:
     """Return the unit sphere with its exact linear normal field: on it the normal is the place."""
-    splats = fibonacci_sphere(num)
-    return replace(splats, normal_du=splats.tangent_u, normal_dv=splats.tangent_v, on_invalid="error")
+    return with_field(fibonacci_sphere(num))
 
 
 def sphere_camera(width: int, height: int) -> Camera:
