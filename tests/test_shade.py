@@ -49,13 +49,18 @@ def make_sums(seed=0):
     return {name: array.astype(np.float32) for name, array in sums.items()}
 
 
-def both(device, camera, settings, sums):
-    """Return what the device and the oracle make of the same sums."""
-    got = DevicePasses(device, random_ellipses(num=3), camera, settings).shade(sums)
+def expected(sums, camera, settings):
+    """Return what the oracle makes of the sums, contours at the settings' own epsilon."""
     exact = {name: array.astype(np.float64) for name, array in sums.items()}
     depth = oracle.DepthBuffer(exact.pop("depth"), *[np.zeros(SHAPE)] * 3)
     gbuffer = oracle.GBuffer(**exact, count=np.zeros(SHAPE), margin=np.zeros(SHAPE))
-    return got, oracle.shade(gbuffer, depth, camera, settings)
+    return oracle.shade(gbuffer, depth, camera, settings, None, settings.epsilon)
+
+
+def both(device, camera, settings, sums):
+    """Return what the device and the oracle make of the same sums."""
+    got = DevicePasses(device, random_ellipses(num=3), camera, settings).shade(sums)
+    return got, expected(sums, camera, settings)
 
 
 def to_lights(want, camera, settings):

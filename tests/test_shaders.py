@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from passes import DevicePasses
-from scenes import CAMERAS, SIZE, random_ellipses
-from tolerances import NPR_TIES, NPR_TIES_SHARE, SHADED_DOUBLE, SHADED_SINGLE
+from scenes import CAMERAS, random_ellipses
+from test_shade import SHAPE, TOLERANCE, expected
+from tolerances import NPR_TIES, NPR_TIES_SHARE
 
-from splatcl import Camera, Frame, Light, Npr, RenderSettings, SplatclError, oracle
+from splatcl import Camera, Frame, Light, Npr, RenderSettings, SplatclError
 from splatcl.device import DeviceQueue
 
-SHAPE = SIZE["height"], SIZE["width"]
-TOLERANCE = {"single": SHADED_SINGLE, "double": SHADED_DOUBLE}
 LIGHTS = (Light("point", (-0.5, 0.2, 2.0), (0.5, 0.9, 0.1)), Light("directional", (-1.0, 0.5, 0.5), (0.2, 0.3, 0.9)))
 NPR = Npr((0.1, 0.35, 0.5, 0.75, 0.95), 0.3, 0.25, (0.25, 0.0, 0.5))
 
@@ -34,13 +33,6 @@ def smooth_sums(seed=0):
         "depth_sum": weight * z,
     }
     return {name: array.astype(np.float32) for name, array in sums.items()}
-
-
-def expected(sums, camera, settings):
-    exact = {name: array.astype(np.float64) for name, array in sums.items()}
-    depth = oracle.DepthBuffer(exact.pop("depth"), *[np.zeros(SHAPE)] * 3)
-    gbuffer = oracle.GBuffer(**exact, count=np.zeros(SHAPE), margin=np.zeros(SHAPE))
-    return oracle.shade(gbuffer, depth, camera, settings, None, settings.epsilon)
 
 
 def decided(sums, camera, settings):
