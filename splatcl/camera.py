@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splatcl.errors import CameraError
+from splatcl.errors import CameraError, SplatclError
 from splatcl.splats import MAX_MAGNITUDE
 
 Projection = Literal["perspective", "orthographic"]
@@ -156,8 +156,8 @@ class Camera:
         CameraError
             `eye` equals `target`, `up` is along the view, or `fov_y` is not between 0 and 180.
         """
-        position, upward = _vector("eye", eye), _vector("up", up)
-        forward = _vector("target", target) - position
+        position, upward = vector("eye", eye), vector("up", up)
+        forward = vector("target", target) - position
         distance = np.linalg.norm(forward)
         right = np.cross(forward, upward)
         if not distance > 0 or not np.linalg.norm(right) > 1e-9 * distance * np.linalg.norm(upward):
@@ -203,7 +203,7 @@ class Camera:
         CameraError
             A number is out of its range; the message names it.
         """
-        center, radius, upward = _vector("center", sphere[0]), float(sphere[1]) or 1.0, _vector("up", up)
+        center, radius, upward = vector("center", sphere[0]), float(sphere[1]) or 1.0, vector("up", up)
         if not 0 < radius < np.inf:
             raise CameraError(f"radius {radius} must be finite and not negative")
         if not np.isfinite(azimuth):
@@ -235,11 +235,12 @@ def _check_fov(fov_y: float) -> None:
         raise CameraError(f"fov_y {fov_y} must be between 0 and 180 degrees")
 
 
-def _vector(name: str, value: ArrayLike) -> NDArray[np.float64]:
+def vector(name: str, value: ArrayLike, error: type[SplatclError] = CameraError) -> NDArray[np.float64]:
+    """Return three finite numbers as an array; where `value` is something else raise `error`, which names it."""
     try:
-        vector = np.asarray(value, np.float64)
+        array = np.asarray(value, np.float64)
     except (TypeError, ValueError):
-        vector = np.empty(0)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise CameraError(f"{name} {value!r} is not three finite numbers")
-    return vector
+        array = np.empty(0)
+    if array.shape != (3,) or not np.isfinite(array).all():
+        raise error(f"{name} {value!r} is not three finite numbers")
+    return array

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 from splatcl.errors import SettingsError
 from splatcl.features.lines import at, clip_lines, cut_depth, keep_deepest, lost_note, plane_lines
 from splatcl.features.solids import Discs, Solid, Surface, box
-from splatcl.splats import MAX_MAGNITUDE, Splats
+from splatcl.splats import DEFAULT_COLOR, MAX_MAGNITUDE, Splats
 
 Array = NDArray[Any]
 Piece = tuple[bool, dict[int, bool]]
@@ -26,7 +26,7 @@ MAX_CROSSING = 4
 """Surfaces, the nearest ones, that a disc is cut off at."""
 
 
-def cube(center: ArrayLike = (0.0, 0.0, 0.0), size: float = 1.0, color: ArrayLike = (0.6, 0.6, 0.6)) -> Splats:
+def cube(center: ArrayLike = (0.0, 0.0, 0.0), size: float = 1.0, color: ArrayLike = DEFAULT_COLOR) -> Splats:
     """Return a cube of 24 splats, four for each face, each cut off along the two edges of its corner.
 
     Parameters

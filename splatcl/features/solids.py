@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from splatcl.camera import vector
 from splatcl.errors import SettingsError
+from splatcl.splats import DEFAULT_COLOR
 
 Array = NDArray[Any]
 Flags = Sequence[Any]
@@ -62,7 +64,7 @@ class Solid:
         return flags
 
 
-def box(center: ArrayLike, size: ArrayLike, color: ArrayLike = (0.6, 0.6, 0.6)) -> Solid:
+def box(center: ArrayLike, size: ArrayLike, color: ArrayLike = DEFAULT_COLOR) -> Solid:
     """Return a box whose edges are along the axes.
 
     Parameters
@@ -84,7 +86,7 @@ def box(center: ArrayLike, size: ArrayLike, color: ArrayLike = (0.6, 0.6, 0.6)) 
     return Solid(tuple(surfaces), _all)
 
 
-def sphere(center: ArrayLike, radius: float, color: ArrayLike = (0.6, 0.6, 0.6)) -> Solid:
+def sphere(center: ArrayLike, radius: float, color: ArrayLike = DEFAULT_COLOR) -> Solid:
     """Return a ball.
 
     Parameters
@@ -127,7 +129,7 @@ def sphere(center: ArrayLike, radius: float, color: ArrayLike = (0.6, 0.6, 0.6))
     return Solid((Surface(nearest, discs, tuple(rgb)),), _all)
 
 
-def cylinder(start: ArrayLike, end: ArrayLike, radius: float, color: ArrayLike = (0.6, 0.6, 0.6)) -> Solid:
+def cylinder(start: ArrayLike, end: ArrayLike, radius: float, color: ArrayLike = DEFAULT_COLOR) -> Solid:
     """Return a round cylinder.
 
     Parameters
@@ -204,13 +206,7 @@ def _unit(vectors: Array, length: Array, otherwise: Array) -> Array:
 
 
 def _vector(name: str, value: ArrayLike) -> Array:
-    try:
-        vector = np.asarray(value, np.float64)
-    except (TypeError, ValueError):
-        vector = np.empty(0)
-    if vector.shape != (3,) or not np.isfinite(vector).all():
-        raise SettingsError(f"{name} {value!r} is not three finite numbers")
-    return vector
+    return vector(name, value, SettingsError)
 
 
 def _positive(name: str, *values: float) -> None:
