@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from splatcl.cells import MIN_FLATNESS
 from splatcl.errors import InvalidSplatsError
 from splatcl.estimate import REASONS, invalid_points
 from splatcl.progress import stage
@@ -25,8 +26,6 @@ NUM_NEIGHBORS = 12
 """Nearest neighbours that a field is estimated from: about two rings."""
 MIN_COSINE = 0.5
 """Normals that turn by more than 60 degrees are of another side, or across an edge."""
-MIN_FLATNESS = 0.7
-"""A neighbour is of another sheet of the surface where less than this share of its distance is in-plane."""
 MAX_HEIGHT = 0.5
 """A point farther off a disc's plane than this share of its radius does not lie over it."""
 MIN_NORMALS = 3
@@ -86,7 +85,9 @@ def normal_fields(splats: Splats, num_neighbors: int = NUM_NEIGHBORS) -> Splats:
             height = np.einsum("pi,pi->p", offset, normal[part][rows])
             squared = np.einsum("pi,pi->p", offset, offset)
             weight *= squared - height * height > MIN_FLATNESS**2 * squared
-            fields[:, part] = _fit(splats.take(part), rows, offset, normal[chosen], weight)
+            discs = splats.take(part)
+            uv = disc_coordinates(discs, rows, offset)
+            fields[:, part] = _fit(discs, rows, uv, normal[chosen], weight)
             advance(len(ids))
     return _with_fields(splats, fields)
 
@@ -137,7 +138,7 @@ def fit_normal_fields(splats: Splats, points: ArrayLike, normals: ArrayLike) -> 
             u, v = disc_coordinates(discs, rows, offset)
             squared = u * u + v * v
             weight = np.exp(-2 * squared) * (squared <= 1) * (height <= MAX_HEIGHT * discs.radius[rows])
-            fields[:, part] = _fit(discs, rows, offset, toward[chosen], weight)
+            fields[:, part] = _fit(discs, rows, (u, v), toward[chosen], weight)
             advance(len(discs))
     return _with_fields(splats, fields)
 
@@ -197,17 +198,17 @@ def fit_slopes(
 def _fit(
     discs: Splats,
     rows: NDArray[np.integer[Any]],
-    offset: NDArray[np.float64],
+    coordinates: tuple[NDArray[np.float64], NDArray[np.float64]],
     normals: NDArray[np.float64],
     weight: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return (2, N, 3) fields from (P, 3) unit normals at (P, 3) offsets from the discs `rows`."""
+    """Return (2, N, 3) fields from (P, 3) unit normals at (P,) u and v of the discs `rows`."""
     own = discs.normal[rows]
     cosine = np.einsum("pi,pi->p", normals, own)
     weight = weight * ((cosine if discs.oriented else np.abs(cosine)) >= MIN_COSINE)
     # Divided by a negative cosine, a normal of the wrong sign is turned as well.
     slopes = normals / np.where(weight > 0, cosine, 1.0)[:, None] - own
-    return fit_slopes(rows, disc_coordinates(discs, rows, offset), slopes, weight, len(discs))
+    return fit_slopes(rows, coordinates, slopes, weight, len(discs))
 
 
 def _balls(splats: Splats, tree: Any) -> Iterator[tuple[Any, NDArray[np.intp], NDArray[np.intp]]]:
