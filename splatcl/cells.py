@@ -36,6 +36,14 @@ def tangent_frame(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
     return u, v
 
 
+def principal(xx: Any, xy: Any, yy: Any) -> tuple[Any, Any, Any]:
+    """Return the mean, the spread and the turn of symmetric 2x2 matrices.
+
+    The eigenvalues are mean +- spread, the greater one's direction is turned by `turn` from x, radians.
+    """
+    return 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy), 0.5 * np.arctan2(2 * xy, xx - yy)
+
+
 def covering_ellipse(
     offsets: NDArray[np.float64], frame: NDArray[np.float64], reach: NDArray[np.floating[Any]]
 ) -> NDArray[np.float64]:
@@ -153,10 +161,8 @@ def _least_ellipse(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np
         moments = [(weight * m).sum(axis=0) for m in (xx, xy, yy)]
         weight *= _power(moments, ridge, xx, xy, yy)
         weight /= weight.sum(axis=0)
-    p, q, r = ((weight * m).sum(axis=0, dtype=np.float64) for m in (xx, xy, yy))
-    turn = 0.5 * np.arctan2(2 * q, p - r)
-    half, spread = 0.5 * (p + r), np.hypot(0.5 * (p - r), q)
-    long, short = np.sqrt(half + spread), np.sqrt(np.maximum(half - spread, 0.0))
+    mean, spread, turn = principal(*((weight * m).sum(axis=0, dtype=np.float64) for m in (xx, xy, yy)))
+    long, short = np.sqrt(mean + spread), np.sqrt(np.maximum(mean - spread, 0.0))
     short = np.maximum(short, long / MAX_ASPECT)
     cos, sin = np.cos(turn), np.sin(turn)
     u, v = (cos * x + sin * y) / long, (cos * y - sin * x) / short

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.cells import tangent_frame
+from splatcl.cells import principal, tangent_frame
 from splatcl.errors import SettingsError
 from splatcl.fields import fit_normal_fields
 from splatcl.patches import Patches, Surface, cover, grow
@@ -147,8 +147,7 @@ def _bounding_ellipses(
         np.bincount(rows, area * (a * b + 0.25 * (c * d + e * f))) / total
         for a, b, c, d, e, f in ((x, x, ux, ux, vx, vx), (x, y, ux, uy, vx, vy), (y, y, uy, uy, vy, vy))
     )
-    mean, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    turn = 0.5 * np.arctan2(2 * xy, xx - yy)
+    mean, spread, turn = principal(xx, xy, yy)
     cos, sin = np.cos(turn), np.sin(turn)
     long, short = np.sqrt(mean + spread), np.sqrt((xx * yy - xy * xy) / (mean + spread))
     # In units of the ellipse: its unit circle is to hold all discs.

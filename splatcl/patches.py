@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.cells import tangent_frame
+from splatcl.cells import principal, tangent_frame
 from splatcl.fields import fit_slopes
 from splatcl.progress import stage
 
@@ -202,9 +202,9 @@ def _extent(
 
 def _low_curvature(slopes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return (C,) directions (from x, radians) of the lower curvature and aspects, from (2, C, 2) slopes by x and y."""
-    xx, xy, yy = slopes[0, :, 0], 0.5 * (slopes[0, :, 1] + slopes[1, :, 0]), slopes[1, :, 1]
-    mean, spread = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    turn = 0.5 * np.arctan2(2 * xy, xx - yy) + 0.5 * np.pi * (mean > 0)
+    xy = 0.5 * (slopes[0, :, 1] + slopes[1, :, 0])
+    mean, spread, turn = principal(slopes[0, :, 0], xy, slopes[1, :, 1])
+    turn += 0.5 * np.pi * (mean > 0)
     high, low = np.abs(mean) + spread, np.abs(np.abs(mean) - spread)
     return turn, np.sqrt(np.clip(high / np.maximum(low, np.finfo(float).tiny), 1.0, MAX_ASPECT**2))
 
