@@ -92,8 +92,10 @@ def _ellipses(splats: Splats, surface: Surface, patches: Patches) -> Splats:
     center = splats.center[patches.seed] + np.einsum("fn,fni->ni", np.stack([*middle, level]), frame)
     tangent_u, tangent_v = np.einsum("tfn,fni->tni", half, frame[:2]).astype(splats.tangent_u.dtype)
 
+    total = np.bincount(rows, area)
+
     def mean(values: NDArray[Any]) -> NDArray[Any]:
-        return (np.bincount(rows, area * values[ids]) / np.bincount(rows, area)).astype(values.dtype)
+        return (np.bincount(rows, area * values[ids]) / total).astype(values.dtype)
 
     lost = [
         name for name, there in (("normal fields", splats.normal_du), ("clip lines", splats.clip)) if there is not None

@@ -189,11 +189,12 @@ def _extent(
     total, moment_long, moment_short = (
         np.cumsum(sort(around.area * values), axis=1) for values in (np.ones_like(long), long, short)
     )
-    lopsided = np.hypot(moment_long, moment_short) > LOPSIDED * total * sort(size)
+    size = sort(size)
+    lopsided = np.hypot(moment_long, moment_short) > LOPSIDED * total * size
     lopsided[:, :FEW] = False
-    sparse = total < MIN_FILL * aspect[:, None] * sort(size) ** 2
+    sparse = total < MIN_FILL * aspect[:, None] * size ** 2
     stops = sort(around.forbidden) | (span > 2 * error) | lopsided | sparse
-    known = sort(size) <= (around.reach / aspect)[:, None]
+    known = size <= (around.reach / aspect)[:, None]
     grown = known & ~np.logical_or.accumulate(stops, axis=1)
     covered = np.empty_like(grown)
     np.put_along_axis(covered, order, grown, axis=1)
