@@ -236,9 +236,9 @@ def _check_fov(fov_y: float) -> None:
 
 
 def vector(name: str, value: ArrayLike, error: type[SplatclError] = CameraError) -> NDArray[np.float64]:
-    """Return three finite numbers as an array; where `value` is something else raise `error`, which names it."""
+    """Return three finite numbers as a new array; where `value` is something else raise `error`, which names it."""
     try:
-        array = np.asarray(value, np.float64)
+        array = np.array(value, np.float64)
     except (TypeError, ValueError):
         array = np.empty(0)
     if array.shape != (3,) or not np.isfinite(array).all():

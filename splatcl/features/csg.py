@@ -94,7 +94,7 @@ def csg_splats(solid: Solid, spacing: float) -> Splats:
 
 
 def _whole(surface: Surface, discs: Discs) -> Splats:
-    return Splats(*discs, np.tile(np.asarray(surface.color, np.float32), (len(discs[0]), 1)))
+    return Splats(*discs, np.tile(surface.color.astype(np.float32), (len(discs[0]), 1)))
 
 
 def _joined(parts: list[Splats]) -> Splats:

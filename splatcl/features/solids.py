@@ -30,7 +30,8 @@ class Surface:
     """(N, 3) places -> (N,) distances, negative inside, and the (N, 3) unit normals where the surface is nearest."""
     discs: Callable[[float], Discs]
     """Spacing, scene units -> discs."""
-    color: tuple[float, float, float]
+    color: Array
+    """(3,) linear RGB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +83,7 @@ def box(center: ArrayLike, size: ArrayLike, color: ArrayLike = DEFAULT_COLOR) ->
         for sign in (-1.0, 1.0):
             normal = sign * np.eye(3)[axis]
             u, v = np.roll(np.eye(3), -axis, axis=0)[[1, 2]] * np.roll(half, -axis)[1:, None]
-            surfaces.append(_plane(middle + half[axis] * normal, u, v if sign > 0 else -v, tuple(rgb)))
+            surfaces.append(_plane(middle + half[axis] * normal, u, v if sign > 0 else -v, rgb))
     return Solid(tuple(surfaces), _all)
 
 
@@ -126,7 +127,7 @@ def sphere(center: ArrayLike, radius: float, color: ArrayLike = DEFAULT_COLOR) -
         east = np.stack([-np.sin(lon), np.cos(lon), np.zeros(len(lon))], axis=1)
         return middle + radius * normal, size * east, size * np.cross(normal, east)
 
-    return Solid((Surface(nearest, discs, tuple(rgb)),), _all)
+    return Solid((Surface(nearest, discs, rgb),), _all)
 
 
 def cylinder(start: ArrayLike, end: ArrayLike, radius: float, color: ArrayLike = DEFAULT_COLOR) -> Solid:
@@ -165,12 +166,11 @@ def cylinder(start: ArrayLike, end: ArrayLike, radius: float, color: ArrayLike =
         high = OVERLAP * np.sqrt(2) * 0.5 * length / along
         return bottom + height * axis + radius * normal, wide * east, np.broadcast_to(high * axis, normal.shape)
 
-    rim = tuple(rgb)
-    caps = (_plane(top, radius * x, radius * y, rim), _plane(bottom, radius * x, -radius * y, rim))
-    return Solid((Surface(nearest, discs, rim), *caps), _all)
+    caps = (_plane(top, radius * x, radius * y, rgb), _plane(bottom, radius * x, -radius * y, rgb))
+    return Solid((Surface(nearest, discs, rgb), *caps), _all)
 
 
-def _plane(center: Array, u: Array, v: Array, color: tuple[float, ...]) -> Surface:
+def _plane(center: Array, u: Array, v: Array, color: Array) -> Surface:
     """Return the plane with the normal u x v, covered as far as center +- u +- v."""
     normal = np.cross(u, v)
     normal /= np.linalg.norm(normal)
@@ -186,7 +186,7 @@ def _plane(center: Array, u: Array, v: Array, color: tuple[float, ...]) -> Surfa
         size = OVERLAP * np.sqrt(2)
         return place, np.broadcast_to(size / wide * u, place.shape), np.broadcast_to(size / high * v, place.shape)
 
-    return Surface(nearest, discs, (color[0], color[1], color[2]))
+    return Surface(nearest, discs, color)
 
 
 def _all(flags: Flags) -> Any:
