@@ -1,6 +1,7 @@
 """Discs with clip lines against places and rays, in float64 by solving each system: what tests of features need."""
 
 import numpy as np
+from oracle_cases import rays
 
 
 def disc_coordinates(splats, ids, points):
@@ -32,18 +33,31 @@ def kept_places(splats, num, seed=0):
     return splats.center[ids] + u * splats.tangent_u[ids] + v * splats.tangent_v[ids], ids
 
 
+def directions(camera):
+    """(H, W, 3) rays of the pixel centres of a perspective camera in eye space, of z 1."""
+    s = rays(camera)
+    return np.concatenate([s, np.ones((*s.shape[:2], 1))], axis=-1)
+
+
+def slabs(camera, low, high):
+    """(H, W, 3) z at which each pixel's ray enters and leaves a box's slab of each axis, the box in world space."""
+    d = directions(camera) @ camera.eye_from_world[:3, :3]
+    with np.errstate(divide="ignore"):
+        a, b = (low - camera.position) / d, (high - camera.position) / d
+    return np.minimum(a, b), np.maximum(a, b)
+
+
 def cast(splats, camera):
     """(H, W) least z of front faces at pixel centres, and (24, H, W) the splats there at that z, -1 elsewhere."""
     rotation, shift = camera.eye_from_world[:3, :3], camera.eye_from_world[:3, 3]
     c, t_u, t_v = splats.center @ rotation.T + shift, splats.tangent_u @ rotation.T, splats.tangent_v @ rotation.T
-    y, x = np.mgrid[: camera.height, : camera.width] + 0.5
-    d = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones_like(x)], axis=-1)
-    z = np.full((len(splats), *x.shape), np.inf)
+    d = directions(camera)
+    z = np.full((len(splats), *d.shape[:2]), np.inf)
     for i in np.flatnonzero((np.cross(t_u, t_v) * c).sum(axis=1) < 0):
         # c + u t_u + v t_v = z d
         system = np.stack([*np.broadcast_arrays(t_u[i], t_v[i], -d)], axis=-1)
         u, v, depth = np.moveaxis(
-            np.linalg.solve(system, np.broadcast_to(-c[i, :, None], (*x.shape, 3, 1)))[..., 0], -1, 0
+            np.linalg.solve(system, np.broadcast_to(-c[i, :, None], (*d.shape, 1)))[..., 0], -1, 0
         )
         z[i] = np.where((depth > 0) & inside(splats, i, u, v), depth, np.inf)
     least = z.min(axis=0)

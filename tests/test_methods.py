@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feature_rays import slabs
 from passes import DevicePasses
 from scenes import CAMERAS, SCENES
 from tolerances import (
@@ -252,11 +253,8 @@ def test_clipped_cube_has_no_hole(renderer, view):
     camera = Camera.look_at(view, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 40.0, 90, 80)
     splats = cube()
     low, high = splats.center.min(axis=0), splats.center.max(axis=0)
-    y, x = np.mgrid[0 : camera.height, 0 : camera.width] + 0.5
-    d = np.stack([(x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy, np.ones(x.shape)], axis=-1)
-    d = d @ camera.eye_from_world[:3, :3]
-    a, b = (low - camera.position) / d, (high - camera.position) / d
-    enter, leave = np.minimum(a, b).max(axis=-1), np.maximum(a, b).min(axis=-1)
+    enter, leave = slabs(camera, low, high)
+    enter, leave = enter.max(axis=-1), leave.min(axis=-1)
     near = np.abs(leave - enter) < 1e-4  # the silhouette
     for settings in (RenderSettings(0.01, prefilter="none"), RenderSettings(0.01, footprint="conic", prefilter="none")):
         frame = renderer.render(splats, camera, replace(settings, facing="cull", shader="normal"))
