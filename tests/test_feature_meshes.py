@@ -104,8 +104,7 @@ def test_flat_faces_are_covered_exactly(name, max_size):
     assert is_kept(splats, places_of(vertices, faces, 60), tol.FEATURE).all()
     assert on_faces(vertices, faces, kept_places(splats, 40)[0]).all()
     # Without lines they do jut out.
-    bare = mesh_features(vertices, faces, angle=angle, max_size=max_size)
-    bare = splatcl.Splats(bare.center, bare.tangent_u, bare.tangent_v, clip=np.zeros((len(bare), 2, 3)))
+    bare = splatcl.Splats(splats.center, splats.tangent_u, splats.tangent_v, clip=np.zeros((len(splats), 2, 3)))
     assert not on_faces(vertices, faces, kept_places(bare, 40)[0]).all()
 
 
