@@ -91,7 +91,6 @@ def _ellipses(splats: Splats, surface: Surface, patches: Patches) -> Splats:
     level = 0.5 * (np.maximum.reduceat(height, first) + np.minimum.reduceat(height, first))
     center = splats.center[patches.seed] + np.einsum("fn,fni->ni", np.stack([*middle, level]), frame)
     tangent_u, tangent_v = np.einsum("tfn,fni->tni", half, frame[:2]).astype(splats.tangent_u.dtype)
-
     total = np.bincount(rows, area)
 
     def mean(values: NDArray[Any]) -> NDArray[Any]:

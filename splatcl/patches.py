@@ -192,7 +192,7 @@ def _extent(
     size = sort(size)
     lopsided = np.hypot(moment_long, moment_short) > LOPSIDED * total * size
     lopsided[:, :FEW] = False
-    sparse = total < MIN_FILL * aspect[:, None] * size ** 2
+    sparse = total < MIN_FILL * aspect[:, None] * size**2
     stops = sort(around.forbidden) | (span > 2 * error) | lopsided | sparse
     known = size <= (around.reach / aspect)[:, None]
     grown = known & ~np.logical_or.accumulate(stops, axis=1)
