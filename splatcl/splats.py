@@ -86,7 +86,7 @@ class Splats:
         num = len(arrays["center"])
         color = np.full((num, 3), DEFAULT_COLOR, np.float32) if self.color is None else self.color
         arrays["color"] = _rows("color", color, 3)
-        further = self._further()
+        further = self._checked_further()
         for name, array in (arrays | further).items():
             if len(array) != num:
                 raise InvalidSplatsError(f"{name} has {len(array)} rows but center has {num}")
@@ -108,22 +108,26 @@ class Splats:
         named = {name: arrays[PREFIX + name] for name in self.attributes}
         object.__setattr__(self, "attributes", MappingProxyType(named))
 
-    def _further(self) -> dict[str, NDArray[Any]]:
+    def _checked_further(self) -> dict[str, NDArray[Any]]:
         """Return the optional arrays that there are, checked but for their lengths."""
         if (self.normal_du is None) != (self.normal_dv is None):
             raise InvalidSplatsError("normal_du and normal_dv go together: give both or neither")
-        given = {name: (getattr(self, name), size) for name, size in OPTIONAL.items()}
         for name in self.attributes:
             if not isinstance(name, str) or not re.fullmatch(r"[a-z_][a-z0-9_]{0,63}", name):
                 raise InvalidSplatsError(f"attribute {name!r} is not named by small letters, digits and _")
-            given[PREFIX + name] = (self.attributes[name], ())
-        return {name: _rows(name, value, *size) for name, (value, size) in given.items() if value is not None}
+        return {name: _rows(name, value, *OPTIONAL.get(name, ())) for name, value in self.further.items()}
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "attributes": dict(self.attributes)}
 
     def __len__(self) -> int:
         return len(self.center)
+
+    @property
+    def further(self) -> dict[str, NDArray[Any]]:
+        """The optional arrays that there are, attributes as ``attribute.NAME``."""
+        present = {name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None}
+        return present | {PREFIX + name: values for name, values in self.attributes.items()}
 
     @property
     def normal(self) -> NDArray[Any]:

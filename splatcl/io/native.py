@@ -129,12 +129,6 @@ def _model(path: Path, kind: str, arrays: dict[str, NDArray[Any]], text: str) ->
     )
 
 
-def _further(splats: Splats) -> dict[str, NDArray[Any]]:
-    """Return the optional arrays that there are, attributes as ``attribute.NAME``."""
-    present = {name: getattr(splats, name) for name in OPTIONAL if getattr(splats, name) is not None}
-    return present | {PREFIX + name: values for name, values in splats.attributes.items()}
-
-
 def _extra(splats: Splats) -> str:
     extra = {"oriented": splats.oriented, "num_dropped": splats.num_dropped, "notes": list(splats.notes)}
     return json.dumps({"version": 1, **extra})
@@ -144,7 +138,7 @@ def _write_ply(splats: Splats, stream: Any) -> None:
     from plyfile import PlyData, PlyElement
 
     columns = {name: getattr(splats, group)[:, k] for group, names in GROUPS.items() for k, name in enumerate(names)}
-    for group, array in _further(splats).items():
+    for group, array in splats.further.items():
         names = FURTHER.get(group, (COLUMN + group.removeprefix(PREFIX),))
         columns |= dict(zip(names, array.reshape(len(splats), len(names)).T, strict=True))
     rows = np.empty(len(splats), [(name, column.dtype) for name, column in columns.items()])
@@ -155,5 +149,5 @@ def _write_ply(splats: Splats, stream: Any) -> None:
 
 
 def _write_npz(splats: Splats, stream: Any) -> None:
-    arrays = {group: getattr(splats, group) for group in GROUPS} | _further(splats)
+    arrays = {group: getattr(splats, group) for group in GROUPS} | splats.further
     np.savez(stream, **arrays, splatcl=np.array(_extra(splats)))
