@@ -76,10 +76,11 @@ def envelope(
     offset_error = 4.0 * max(camera.width, camera.height)
     for pairs in bands(projected, camera, settings):
         f = fragments(pairs, projected, camera, settings, epsilon, offset_error)
-        choices, never_empty, depth = _choices(pairs, f, settings, tolerance)
+        may = _States.of(f, tolerance)
+        choices, never_empty, depth = _choices(pairs, f, may, settings, tolerance)
         low[pairs.pixel, 0], high[pairs.pixel, 0] = depth
         low[pairs.pixel, 1], high[pairs.pixel, 1] = _weights(pairs, choices)
-        own, normals = color[pairs.splat], _normals(pairs, f, projected, settings, tolerance)
+        own, normals = color[pairs.splat], _normals(pairs, f, may, projected, settings, tolerance)
         least, most = (np.hstack([own, end]) for end in normals)
         mean_low = -np.stack([_greatest_mean(pairs, choices, -least[:, k]) for k in range(6)], axis=1)
         mean_high = np.stack([_greatest_mean(pairs, choices, most[:, k]) for k in range(6)], axis=1)
@@ -144,10 +145,9 @@ def _depths(f: Fragments, may: _States, tolerance: float) -> tuple[tuple[Array, 
 
 
 def _choices(
-    pairs: Pairs, f: Fragments, settings: RenderSettings, tolerance: float
+    pairs: Pairs, f: Fragments, may: _States, settings: RenderSettings, tolerance: float
 ) -> tuple[_Choices, Array, tuple[Array, Array]]:
     """Say what each pair may contribute, (P,) which pixels are covered in any case, and (P,) bounds of their depth."""
-    may = _States.of(f, tolerance)
     (hit_low, hit_high), (low, high) = _depths(f, may, tolerance)
     hit_low, sure_high = np.where(may.hit_possible, hit_low, np.inf), np.where(may.hit_sure, hit_high, np.inf)
     depth = pairs.least(hit_low), pairs.least(sure_high)
@@ -187,20 +187,27 @@ def _pair_weights(f: Fragments, may: _States, settings: RenderSettings, toleranc
 
 
 def _normals(
-    pairs: Pairs, f: Fragments, projected: oracle.ProjectedSplats, settings: RenderSettings, tolerance: float
+    pairs: Pairs,
+    f: Fragments,
+    may: _States,
+    projected: oracle.ProjectedSplats,
+    settings: RenderSettings,
+    tolerance: float,
 ) -> tuple[Array, Array]:
     """(K, 3) bounds of each fragment's normal: its own, or its field's; of either sign where its facing is open."""
     low = high = projected.normal_eye[pairs.splat]
     if settings.normals == "field":
-        low, high = _field(pairs, f, projected, tolerance)
+        low, high = _field(pairs, f, may, projected, tolerance)
     unsure = (np.abs(projected.facing_margin) <= tolerance)[pairs.splat, None]
     return np.where(unsure, np.minimum(low, -high), low), np.where(unsure, np.maximum(high, -low), high)
 
 
-def _field(pairs: Pairs, f: Fragments, projected: oracle.ProjectedSplats, tolerance: float) -> tuple[Array, Array]:
+def _field(
+    pairs: Pairs, f: Fragments, may: _States, projected: oracle.ProjectedSplats, tolerance: float
+) -> tuple[Array, Array]:
     """(K, 3) bounds of fields' normals: where the ray meets the disc, or the centre's where it may miss that."""
     normal, along_u, along_v = (a[pairs.splat] for a in (projected.normal_eye, projected.field_u, projected.field_v))
-    possible, sure = f.disc.margin[:, None] > -tolerance, f.disc.margin[:, None] > tolerance
+    possible, sure = may.disc_possible[:, None], may.disc_sure[:, None]
     u, v, scale = (np.where(possible, a[:, None], 0.0) for a in (f.disc.u, f.disc.v, f.disc.scale_r))
     size = np.abs(along_u) + np.abs(along_v)
     error = tolerance * UNIT * (scale * size + 4 * (np.abs(normal) + size))

@@ -44,7 +44,8 @@ def relight(
     if renderer is None:
         renderer = frame.rendered_from[0] if frame.rendered_from else default_renderer()
     arguments = surface, attributes, frame.camera, wanted, float(epsilon or 0.0)
-    casters = renderer.resident(frame.rendered_from[1]) if frame.rendered_from and light_options(wanted) else None
+    casts = "SHADOWS" in light_options(wanted)
+    casters = renderer.resident(frame.rendered_from[1]) if frame.rendered_from and casts else None
     color, metadata = renderer.call(_shade, *arguments, casters)
     return frame.with_color(color, wanted, metadata)
 
@@ -122,7 +123,7 @@ def _shade(
     """
     passes, shadows = renderer.passes(camera, settings), None
     metadata: dict[str, Any] = {}
-    if casters and (shadows := cast(*renderer.prepare(casters, camera, settings), casters, epsilon)):
+    if casters and (shadows := cast(renderer, casters, camera, settings, epsilon)):
         metadata["shadow_bias"] = shadows.bias
     images = {name: passes.constant(np.asarray(values, passes.real)) for name, values in surface.items()}
     lit = Surface(images["P"], images["N"], images["albedo"], images["weight"])

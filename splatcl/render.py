@@ -170,7 +170,7 @@ class Renderer:
 
 
 def _render(renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings) -> Frame:
-    shadows = cast(*renderer.prepare(resident, camera, settings), resident, resident.epsilon(settings))
+    shadows = cast(renderer, resident, camera, settings, resident.epsilon(settings))
 
     def window(camera: Camera, first: tuple[int, int] = (0, 0)) -> DeviceAovs:
         return _draw(renderer, resident, camera, settings, first, shadows)

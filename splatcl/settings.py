@@ -164,10 +164,7 @@ class RenderSettings:
         """Check what has come with other methods than [BHZK05]'s."""
         self._set("npr", _checked_npr(self.npr))
         self._set("time", _number("time", self.time, -1e9, 1e9))
-        n = _number("supersampling", self.supersampling, 1, MAX_SUPERSAMPLING)
-        if n != int(n):
-            raise SettingsError(f"supersampling {n} is not a whole number")
-        self._set("supersampling", int(n))
+        self._set("supersampling", _whole("supersampling", self.supersampling, 1, MAX_SUPERSAMPLING))
         for name in ("circular", "half_inputs"):
             if not isinstance(getattr(self, name), bool):
                 raise SettingsError(f"{name} {getattr(self, name)!r} is neither True nor False")
@@ -230,9 +227,7 @@ def _check_light(light: Light) -> None:
         raise SettingsError(f"a light's inner {light.inner} is wider than its outer {light.outer}: both are degrees")
     if light.bias != "auto":
         _number("a light's bias", light.bias, 0.0, 1e15)
-    size = _number("a light's map_size", light.map_size, 16, 8192)
-    if size != int(size):
-        raise SettingsError(f"a light's map_size {size} is not a whole number")
+    _whole("a light's map_size", light.map_size, 16, 8192)
     if light.kind == "headlight" and light.shadow != "none":
         raise SettingsError(
             "a headlight shines from the eye, which sees none of its shadows: choose shadow='none' or another kind"
@@ -271,3 +266,10 @@ def _number(name: str, value: Any, low: float, high: float) -> float:
     if not low <= number <= high:  # NaN too
         raise SettingsError(f"{name} {number} is not between {low} and {high}")
     return number
+
+
+def _whole(name: str, value: Any, low: int, high: int) -> int:
+    number = _number(name, value, low, high)
+    if number != int(number):
+        raise SettingsError(f"{name} {number} is not a whole number")
+    return int(number)

@@ -89,7 +89,8 @@ def _shade(
     has = sum(1 << k for k, name in enumerate(GLOSS) if name in channels)
     gloss = next((channels[name][0] for name in GLOSS if name in channels), images[0])  # not read where there is none
     structs = shading_structs(passes)
-    arguments = (*structs, *_npr(passes, epsilon), *images, gloss, color, *light_arguments(passes, structs, shadows))
+    npr = _npr(passes, epsilon) if passes.settings.shader == "npr" else structs  # which others do not read
+    arguments = (*structs, *npr, *images, gloss, color, *light_arguments(passes, structs, shadows))
     _run_shade(passes, "shade", view, *arguments, GLOSS=has, **options)
     return color
 

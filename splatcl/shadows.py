@@ -20,7 +20,7 @@ from splatcl.resident import ResidentSplats
 from splatcl.settings import RenderSettings
 
 if TYPE_CHECKING:
-    from splatcl.render import Resident
+    from splatcl.render import Renderer, Resident
 
 Sphere = tuple[NDArray[np.float64], float]
 AROUND = 1.01
@@ -31,16 +31,18 @@ ALIGNED = 4096
 """Bytes that a map's start in the buffer is a multiple of; devices ask for 128 to 4096."""
 
 
-def cast(passes: Passes, splats: ResidentSplats, resident: Resident, epsilon: float) -> Shadows | None:
+def cast(
+    renderer: Renderer, resident: Resident, camera: Camera, settings: RenderSettings, epsilon: float
+) -> Shadows | None:
     """Draw the shadow maps of a frame's lights; None where the shader asks for none.
 
     Parameters
     ----------
-    passes : Passes
-        Of the frame.
-    splats : ResidentSplats
+    renderer : Renderer
     resident : Resident
-        The same splats, for their bounding sphere.
+        The splats that cast.
+    camera, settings
+        Of the frame.
     epsilon : float
         Depth tolerance, scene units, for biases that are "auto".
 
@@ -49,21 +51,22 @@ def cast(passes: Passes, splats: ResidentSplats, resident: Resident, epsilon: fl
     SettingsError
         A point light is within the sphere.
     """
-    if "SHADOWS" not in light_options(passes.settings):
+    if "SHADOWS" not in light_options(settings):
         return None
-    lights, sphere = passes.settings.lights, resident.sphere
+    passes, splats = renderer.prepare(resident, camera, settings)
+    lights, sphere = settings.lights, resident.sphere
     cameras = {i: light_camera(light, sphere) for i, light in enumerate(lights) if light.shadow != "none"}
-    biases = {i: shadow_bias(lights[i], camera, sphere, epsilon) for i, camera in cameras.items()}
+    biases = {i: shadow_bias(lights[i], seen_by, sphere, epsilon) for i, seen_by in cameras.items()}
     real_bytes, starts = passes.real.itemsize, [0]
-    for camera in cameras.values():
-        pages = -(-(camera.width**2) * real_bytes // ALIGNED)
+    for seen_by in cameras.values():
+        pages = -(-(seen_by.width**2) * real_bytes // ALIGNED)
         starts.append(starts[-1] + pages * ALIGNED)
     depths = passes.device.buffer(starts[-1])
     structs = np.zeros(len(cameras), passes.dtypes["ShadowMap"])
-    for struct, start, (i, camera) in zip(structs, starts, cameras.items(), strict=False):
-        part = depths.get_sub_region(start, camera.width**2 * real_bytes)
-        _draw(passes, camera, splats, part)
-        for name, value in _map_fields(passes.camera, camera, lights[i]).items():
+    for struct, start, (i, seen_by) in zip(structs, starts, cameras.items(), strict=False):
+        part = depths.get_sub_region(start, seen_by.width**2 * real_bytes)
+        _draw(passes, seen_by, splats, part)
+        for name, value in _map_fields(camera, seen_by, lights[i]).items():
             struct[name] = value
         struct["bias"], struct["first"] = biases[i], start // real_bytes
     return Shadows(passes.constant(structs), depths, tuple(biases.get(i) for i in range(len(lights))))

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
 Array = NDArray[Any]
+Part = TypeVar("Part", oracle._Cover, oracle._Hits)
 MAX_MARGIN = 128.0
 """Margins are given up to this many units; what could flip beyond lies outside the pairs evaluated."""
 PAIRS_PER_BAND = 1 << 20
@@ -152,10 +153,10 @@ def fragments(
     if settings.along == "ray":
         tolerance /= oracle._ray_length(camera, pairs.s)
     return Fragments(
-        disc=replace(disc, margin=np.where(np.isnan(disc.margin), -np.inf, disc.margin)),
+        disc=_known(disc),
         hit=hit,
         drawn=drawn,
-        filter=_known(raster.prefilter(pairs.s)) if settings.prefilter == "min" else absent,
+        filter=_known(raster.prefilter(disc, pairs.s)) if settings.prefilter == "min" else absent,
         center_z=own.center_eye[:, 2],
         tolerance=tolerance,
         of_ellipses=raster.ellipses is not None,
@@ -164,9 +165,9 @@ def fragments(
     )
 
 
-def _known(cover: oracle._Cover) -> oracle._Cover:
+def _known(part: Part) -> Part:
     """Return it with what is undefined as surely not there."""
-    return replace(cover, margin=np.where(np.isnan(cover.margin), -np.inf, cover.margin))
+    return replace(part, margin=np.where(np.isnan(part.margin), -np.inf, part.margin))
 
 
 def bands(projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> Iterator[Pairs]:

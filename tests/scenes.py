@@ -6,6 +6,8 @@ or from near it. `SCENES` and `CAMERAS` name them; ADVERSARIAL scenes are ill-co
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from splatcl import Camera, Splats
@@ -117,6 +119,12 @@ def edge_on_parallel(seed=0):
     return edge_on(seed, parallel=True)
 
 
+def joined(*parts):
+    """Return the discs and colours of several splats, one after the other."""
+    fields = ("center", "tangent_u", "tangent_v", "color")
+    return Splats(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
+
+
 ORDINARY = {"random_ellipses": random_ellipses, "layers": layers, "sphere": sphere}
 ADVERSARIAL = {
     "thin": thin,
@@ -127,6 +135,23 @@ ADVERSARIAL = {
     "sub_pixel": sub_pixel,
 }
 SCENES = ORDINARY | ADVERSARIAL
+
+
+def extended(scene, seed=0, clip=False, field=False, attributes=()):
+    """Return a scene's splats with random clip lines, normal fields and attributes."""
+    splats, rng = SCENES[scene](seed), np.random.default_rng(seed)
+    num, given = len(splats), {}
+    if clip:
+        angle = rng.uniform(0, 2 * np.pi, (num, 2))
+        given["clip"] = np.stack([np.cos(angle), np.sin(angle), rng.uniform(-0.1, 0.7, (num, 2))], axis=2)
+        given["clip"][rng.random(num) < 0.3] = 0
+    if field:
+        given["normal_du"], given["normal_dv"] = rng.normal(0, 0.4, (2, num, 3))
+    named = {name: rng.random(num) * (20 if name == "shininess" else 1) for name in attributes}
+    given = {name: array.astype(np.float32) for name, array in given.items()}
+    named = {name: array.astype(np.float32) for name, array in named.items()}
+    return replace(splats, **given, attributes=named)
+
 
 _POSE = Camera.look_at((0.4, -0.3, 3.1), (0.1, 0, 0), up=(0.3, 1, 0)).eye_from_world
 CAMERAS = {

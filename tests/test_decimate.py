@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 import tolerances as tol
 from cli_stub import run
+from scenes import joined
 from scipy.spatial import cKDTree
-from test_fields import discs, even_sphere, plane, rim_errors
+from test_estimate import fibonacci_sphere
+from test_fields import discs, plane, rim_errors
 
 import splatcl
 from splatcl import Splats, decimate
@@ -21,7 +23,7 @@ RIM = 2 * np.pi * np.arange(8) / 8
 
 
 def sphere(num=4000):
-    points = even_sphere(num)
+    points = fibonacci_sphere(num)
     return discs(points, points, 2.2 / num**0.5)
 
 
@@ -33,10 +35,6 @@ def waves():
     points = np.stack([x, y, 2 * np.sin(x / 5) + rng.normal(0, 0.01, x.size)], axis=1)
     normals = np.stack([-0.4 * np.cos(x / 5), 0 * x, 1 + 0 * x], axis=1)
     return discs(points, normals, 1.0)
-
-
-def joined(*parts):
-    return Splats(*(np.concatenate([getattr(s, n) for s in parts]) for n in ("center", "tangent_u", "tangent_v")))
 
 
 def is_covered(splats, fewer, error, angle, slack):

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import tolerances as tol
 from cli_stub import run
-from scenes import frames
+from scenes import frames, joined
+from test_estimate import fibonacci_sphere, grid
 
 import splatcl
 from splatcl import Splats, fit_normal_fields, normal_fields
@@ -17,27 +18,18 @@ from splatcl.errors import InvalidSplatsError
 ANGLES = 2 * np.pi * np.arange(12) / 12
 
 
-def even_sphere(num):
-    i = np.arange(num) + 0.5
-    z, angle = 1 - 2 * i / num, np.pi * (1 + 5**0.5) * i
-    r = np.sqrt(1 - z * z)
-    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
-
-
 def discs(points, normals, radius, **further):
     u, v = frames(normals)
     return Splats(points, u * radius, v * radius, **further)
 
 
 def sphere(num=2000, scale=5.0, radius=0.05):
-    points = even_sphere(num)
+    points = fibonacci_sphere(num)
     return discs(points * scale, points, radius * scale)
 
 
 def plane(nx=12, ny=12):
-    x, y = np.meshgrid(np.arange(nx), np.arange(ny))
-    points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3).astype(float)
-    return discs(points, np.tile((0.0, 0.0, 1.0), (len(points), 1)), 0.75)
+    return discs(grid(nx, ny), np.tile((0.0, 0.0, 1.0), (nx * ny, 1)), 0.75)
 
 
 def field_normals(splats, u, v):
@@ -68,7 +60,7 @@ def test_on_a_sphere_estimated_fields_are_its_normals_to_second_order(scale):
 
 
 def test_on_a_sphere_fitted_fields_are_its_normals_to_second_order():
-    points = even_sphere(30_000)
+    points = fibonacci_sphere(30_000)
     error, constant = rim_errors(fit_normal_fields(sphere(200), 5 * points, 3 * points), 5.0)
     assert constant > 0.04 and error < tol.FIELD_OF_CONSTANT * constant
 
@@ -113,10 +105,7 @@ def test_neighbours_of_another_side_have_no_part():
     upper = plane()
     normals = np.column_stack([0.3 * np.sin(upper.center[:, 0]), 0 * upper.center[:, 0], -np.ones(len(upper))])
     lower = discs(upper.center - (0.0, 0.0, 0.1), normals, 0.75)
-    both = Splats(
-        *(np.concatenate([getattr(s, n) for s in (upper, lower)]) for n in ("center", "tangent_u", "tangent_v"))
-    )
-    field = normal_fields(both, 17).normal_du[: len(upper)]
+    field = normal_fields(joined(upper, lower), 17).normal_du[: len(upper)]
     np.testing.assert_allclose(field, 0.0, rtol=0, atol=tol.FIELD_EXACT)
 
 

@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from feature_rays import slabs
-from passes import DevicePasses
-from scenes import CAMERAS, SCENES
+from scenes import CAMERAS, SCENES, extended
 from tolerances import (
-    BOX_SLACK,
     COLOR_LIT,
     DOUBLE_METHODS,
     DOUBLE_UNITS,
@@ -23,7 +21,7 @@ from tolerances import (
     WEIGHT_RELATIVE,
 )
 
-from splatcl import Camera, Material, RenderSettings, SplatclError, Splats, golden, oracle
+from splatcl import Camera, Material, RenderSettings, SplatclError, golden, oracle
 from splatcl.features import cube
 from splatcl.resident import GLOSS
 
@@ -31,22 +29,6 @@ VECTORS = ("N", "albedo", "color", "depth.mean", "P")
 LIT = {"lights": golden.LIGHTS, "material": Material(0.1, 0.6, 0.4, 12.0)}
 CULL = {"facing": "cull"}  # one layer alone: half the programs to build
 ATTRIBUTES = (*GLOSS, "rough", "a", "b", "c", "d", "e")
-
-
-def extended(scene, seed=0, clip=False, field=False, attributes=()):
-    """Return a scene's splats with random clip lines, normal fields and attributes."""
-    splats, rng = SCENES[scene](seed), np.random.default_rng(seed)
-    num, given = len(splats), {}
-    if clip:
-        angle = rng.uniform(0, 2 * np.pi, (num, 2))
-        given["clip"] = np.stack([np.cos(angle), np.sin(angle), rng.uniform(-0.1, 0.7, (num, 2))], axis=2)
-        given["clip"][rng.random(num) < 0.3] = 0
-    if field:
-        given["normal_du"], given["normal_dv"] = rng.normal(0, 0.4, (2, num, 3))
-    named = {name: rng.random(num) * (20 if name == "shininess" else 1) for name in attributes}
-    given = {name: array.astype(np.float32) for name, array in given.items()}
-    named = {name: array.astype(np.float32) for name, array in named.items()}
-    return replace(splats, **given, attributes=named)
 
 
 def compare(renderer, splats, camera, settings, masked=MASKED_METHODS):
@@ -176,77 +158,6 @@ def test_targets_are_exact_where_nothing_is_rounded_before(renderer, target):
     np.testing.assert_allclose(found, color, atol=1e-6)
 
 
-def one_disc(tilt=0.7, radius=(0.05, 0.02)):
-    """Return a single disc before the eye at z = 2, tilted about the x axis."""
-    u = np.array([[radius[0], 0.0, 0.0]])
-    v = np.array([[0.0, -radius[1] * np.cos(tilt), radius[1] * np.sin(tilt)]])
-    return Splats(np.array([[0.11, -0.07, 2.0]]), u, v)
-
-
-@pytest.mark.parametrize("footprint", ["affine", "conic"])
-def test_ewa_weights_are_a_convolution(renderer, footprint):
-    """By quadrature: the projected Gaussian, sampled on a fine grid, convolved with the low-pass one."""
-    camera = Camera(np.eye(4), 60.0, 55.0, 8.3, 7.6, 17, 15, near=0.1, far=10.0)
-    precision = "double" if renderer.supports_double else "single"
-    settings = RenderSettings(0.1, footprint=footprint, prefilter="ewa", cutoff=2.0, precision=precision)
-    splats = one_disc()
-    weight = renderer.render(splats, camera, settings)["weight"]
-    angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
-    rim = splats.center + np.cos(angle)[:, None] * splats.tangent_u + np.sin(angle)[:, None] * splats.tangent_v
-    rim = rim[:, :2] / rim[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    if footprint == "affine":  # the differential at the centre, by central differences
-        center = splats.center[0]
-        project = lambda p: p[:2] / p[2] * (camera.fx, camera.fy) + (camera.cx, camera.cy)  # noqa: E731
-        h = 1e-5
-        m = np.stack([(project(center + h * t[0]) - project(center - h * t[0])) / (2 * h)
-                      for t in (splats.tangent_u, splats.tangent_v)], axis=1)  # fmt: skip
-        middle = project(center)
-    else:  # the ellipse through the projected rim, by least squares
-        middle, m = ellipse_through(rim)
-    step = 0.04
-    y, x = np.meshgrid(np.arange(-9, 24, step), np.arange(-9, 26, step), indexing="ij")
-    w = np.linalg.solve(m, np.stack([x - middle[0], y - middle[1]]).reshape(2, -1))
-    kernel = np.exp(-(settings.cutoff**2) * (w**2).sum(axis=0) / 2).reshape(x.shape)
-    for row, column in ((7, 11), (5, 12), (6, 10), (4, 13)):
-        px, py = column + 0.5, row + 0.5
-        low_pass = np.exp(-((x - px) ** 2 + (y - py) ** 2) / 2) / (2 * np.pi)
-        expected = (kernel * low_pass).sum() * step**2
-        if weight[row, column]:
-            np.testing.assert_allclose(weight[row, column], expected, rtol=2e-6)
-    assert np.count_nonzero(weight) > 10 and weight[5, 11] > 0
-
-
-def ellipse_through(points):
-    """Return the centre and a map of the unit circle onto the ellipse through points, by least squares."""
-    mean = points.mean(axis=0)
-    x, y = (points - mean).T
-    a, b, c, d, e = np.linalg.lstsq(np.stack([x * x, x * y, y * y, x, y], axis=1), np.ones(len(x)), rcond=None)[0]
-    q = np.array([[a, b / 2], [b / 2, c]])
-    center = -np.linalg.solve(q, [d / 2, e / 2])
-    value = 1 + center @ q @ center
-    return center + mean, np.linalg.cholesky(np.linalg.inv(q / value))
-
-
-def test_conic_footprint_is_the_ray_casts_at_the_contour(renderer):
-    """At the cutoff contour both are the projected disc ([ZRB04] section 3), to rounding."""
-    splats, camera = extended("random_ellipses", 9), CAMERAS["outside"]
-    settings = RenderSettings(0.1, footprint="conic", prefilter="none")
-    projected = oracle.project(splats, camera, settings)
-    discs = oracle._discs(projected, camera)
-    ellipses = oracle._ellipses(projected, discs, camera, settings)
-    for angle in np.linspace(0, 2 * np.pi, 7):
-        rim = projected.center_eye + np.cos(angle) * projected.tangent_u_eye + np.sin(angle) * projected.tangent_v_eye
-        s = np.concatenate([rim[:, :2] / rim[:, 2:], np.ones((len(rim), 1))], axis=1)
-        r_squared = oracle._within(ellipses, False, camera, s).r_squared
-        good = ellipses.usable & (discs.kappa < 1e3)
-        np.testing.assert_allclose(r_squared[good], 1.0, atol=1e-9)
-    conic = renderer.render(splats, camera, settings)
-    cast = renderer.render(splats, camera, RenderSettings(0.1, prefilter="none"))
-    sure = oracle.passes(splats, camera, settings, 0.1)["margin"] > MARGIN_UNITS
-    np.testing.assert_array_equal(np.isfinite(conic["Z"])[sure], np.isfinite(cast["Z"])[sure])
-    assert sure.mean() > 0.99
-
-
 @pytest.mark.parametrize("view", [(2.2, 1.7, 2.9), (1.9, -2.4, 1.2), (-3.0, 0.6, 1.1)])
 def test_clipped_cube_has_no_hole(renderer, view):
     """24 splats cut off at the edges cover what the cube covers, pixel by pixel, and two never overlap at an edge."""
@@ -278,7 +189,7 @@ def test_what_has_no_meaning_is_refused(renderer):
         with pytest.raises(SplatclError, match=words):
             RenderSettings(**choices)
     with pytest.raises(SplatclError, match="normal field"):
-        renderer.render(one_disc(), CAMERAS["outside"], RenderSettings(method="botsch04"))
+        renderer.render(SCENES["sphere"](0), CAMERAS["outside"], RenderSettings(method="botsch04"))
 
 
 def test_half_inputs_are_sixteen_bits(renderer):
@@ -316,32 +227,3 @@ def test_probe_and_check_follow_the_method(renderer):
         assert (last.weight, last.count) == (frame["weight"][y, x].item(), frame["count"][y, x].item())
         assert (probe.depth, probe.particleid) == (frame["Z"][y, x].item(), frame["particleid"][y, x].item())
         assert all(one.passed for one in frame.check())
-
-
-@pytest.mark.parametrize("prefilter", ["none", "ewa"])
-def test_conic_boxes_are_exact(device, prefilter):
-    """The record's pixels are those between the extremes of the sampled rim, or of the filtered ellipse's contour."""
-    settings = RenderSettings(0.1, footprint="conic", prefilter=prefilter)
-    splats, camera = extended("random_ellipses", 12), CAMERAS["outside"]
-    records, _ = DevicePasses(device, splats, camera, settings).project()
-    projected = oracle.project(splats, camera, settings)
-    angle = np.linspace(0, 2 * np.pi, 3000, endpoint=False)
-    circle = np.stack([np.cos(angle), np.sin(angle)])
-    checked = 0
-    for record in records:
-        i = record["id"]
-        c, u, v = projected.center_eye[i], projected.tangent_u_eye[i], projected.tangent_v_eye[i]
-        rim = c + circle[0][:, None] * u + circle[1][:, None] * v
-        points = rim[:, :2] / rim[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-        if prefilter == "ewa":  # widen the ellipse through them by the low-pass filter's variance
-            middle, m = ellipse_through(points)
-            points = middle + (np.linalg.cholesky(m @ m.T + settings.cutoff**2 * np.eye(2)) @ circle).T
-        low, high = points.min(axis=0) - 0.5, points.max(axis=0) - 0.5  # in pixels' centres
-        size = np.array([camera.width, camera.height])
-        first, last = np.maximum(np.ceil(low), 0), np.minimum(np.floor(high), size - 1)
-        box = np.array([[record["x_min"], record["y_min"]], [record["x_max"], record["y_max"]]])
-        assert (box[0] <= first).all() and (box[1] >= last).all()
-        near_a_pixel = np.abs(np.stack([low, high]) - np.round([low, high])) < BOX_SLACK
-        assert (near_a_pixel | (box == np.stack([first, last])))[np.stack([low > 0, high < size - 1])].all()
-        checked += 1
-    assert checked > 100

@@ -10,13 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scenes import CAMERAS, random_ellipses
-from test_invariants import arrays, assert_same_bits
+from test_invariants import NONE, arrays, assert_same_bits
 from tolerances import PERMUTED
 
 from splatcl import RenderSettings, pipeline
 
 EPSILON = 0.25
-NONE = 0xFFFFFFFF
 CHOICES = {  # as compiled for the golden images
     "zwicker04": RenderSettings(EPSILON, method="zwicker04"),
     "zwicker01": RenderSettings(EPSILON, method="zwicker01", facing="cull"),

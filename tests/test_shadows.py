@@ -179,8 +179,7 @@ def test_a_frame_with_its_splats_is_lit_again_with_shadows(renderer, tmp_path):
 def test_supersampled_shadows_are_those_of_the_large_image(renderer):
     """One map for all windows: a frame of 2x2 samples is the mean of one that is twice as large."""
     splats, camera, settings = random_ellipses(num=60), CAMERAS["off_center"], SETTINGS
-    doubled = {name: 2 * getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    large = renderer.render(splats, replace(camera, **doubled), settings).color.astype(np.float64)
+    large = renderer.render(splats, oracle.enlarged(camera, 2), settings).color.astype(np.float64)
     mean = large.reshape(camera.height, 2, camera.width, 2, 4).mean(axis=(1, 3))
     got = renderer.render(splats, camera, replace(settings, supersampling=2))
     np.testing.assert_allclose(got.color, mean, atol=SHADOWED_SINGLE)

@@ -9,6 +9,7 @@ import pytest
 from agreement import scene
 from cli_stub import run, stub
 from scenes import CAMERAS, EPSILON
+from test_invariants import NONE, assert_same_bits
 from tolerances import MARGIN_UNITS, SUPERSAMPLED, SUPERSAMPLED_COLOR, SUPERSAMPLED_MASKED, SUPERSAMPLED_ROUNDING
 
 from splatcl import Camera, Frame, Material, RenderSettings, SplatclError, Splats, oracle
@@ -19,7 +20,6 @@ from splatcl.supersampling import MIN_SAMPLES, blocks, box_filtered, supersample
 
 __all__ = ["stub"]  # a fixture
 
-NONE = 0xFFFFFFFF
 SETTINGS = RenderSettings(epsilon=EPSILON)
 # Scene, camera, n, precision, tile size, margin, samples a window: whole rows, or parts of rows.
 WINDOWS = [
@@ -29,11 +29,6 @@ WINDOWS = [
     ("near_plane", "close", 3, "single", 8, 1, 100),
     ("sub_pixel", "outside", 2, "single", 32, 0, 50),
 ]
-
-
-def enlarged(camera, n):
-    large = {name: n * getattr(camera, name) for name in ("fx", "fy", "cx", "cy", "width", "height")}
-    return replace(camera, **large)
 
 
 def small(camera_name):
@@ -53,15 +48,6 @@ def windows(renderer, splats, settings):
     return render, drawn
 
 
-def assert_same_bits(got, want):
-    assert list(got) == list(want)
-    for name in want:
-        assert (got[name].dtype, got[name].shape) == (want[name].dtype, want[name].shape), name
-        assert got[name].tobytes() == want[name].tobytes(), (
-            f"{name}: {np.count_nonzero(got[name] != want[name])} differ"
-        )
-
-
 # ---- windows
 
 
@@ -72,7 +58,7 @@ def test_windows_have_the_bits_of_one_large_image(
     """Mutation: first_row left out of ray_y, of bin's pixels, of pixels_of, of visibility's or attributes' place."""
     settings, camera = replace(SETTINGS, along="ray", precision=precision), small(camera_name)
     renderer = renderer_with(tile_size=tile_size)
-    large = renderer.render(scene(scene_name), enlarged(camera, n), settings)
+    large = renderer.render(scene(scene_name), oracle.enlarged(camera, n), settings)
     assert (large["count"] > 0).any()
     render, drawn = windows(renderer, scene(scene_name), settings)
     got = supersampled(camera, n, render, margin, samples)
@@ -100,7 +86,7 @@ def test_windows_of_other_methods(renderer, method):
     """Mutation: `column` and `row` of weighted.h not in the window."""
     settings, camera = RenderSettings(method=method, epsilon=EPSILON), small("off_center")
     splats = rich() if method == "botsch04" else scene("random_ellipses")
-    large = renderer.render(splats, enlarged(camera, 2), settings)
+    large = renderer.render(splats, oracle.enlarged(camera, 2), settings)
     render, drawn = windows(renderer, splats, settings)
     got = supersampled(camera, 2, render, samples=300)
     assert len(drawn) > 5 and (large["count"] > 0).any()
@@ -113,7 +99,7 @@ def test_a_render_is_the_large_image_filtered(renderer, camera_name):
     splats, camera = scene("sphere"), CAMERAS[camera_name]
     frame = renderer.render(splats, camera, replace(SETTINGS, supersampling=3))
     assert (frame.width, frame.height, frame.camera) == (camera.width, camera.height, camera)
-    assert_same_bits(frame, box_filtered(renderer.render(splats, enlarged(camera, 3), SETTINGS), 3))
+    assert_same_bits(frame, box_filtered(renderer.render(splats, oracle.enlarged(camera, 3), SETTINGS), 3))
 
 
 def test_rows_longer_than_the_largest_image(renderer):

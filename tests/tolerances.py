@@ -260,7 +260,7 @@ SUPERSAMPLED_COLOR = 1e-4
 SUPERSAMPLED_MASKED = 0.04
 """MASKED_OTHERWISE for each of the 2 x 2 samples."""
 
-# ---- methods other than [BHZK05]'s (tests/test_methods.py)
+# ---- methods other than [BHZK05]'s (tests/test_methods.py, tests/test_footprints.py)
 
 MASKED_METHODS = 0.02
 """Largest share of covered pixels left out: ellipses decide twice, whether they cover and whether the disc does (seen:

@@ -35,95 +35,47 @@ from collections.abc import Mapping
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect, _out_of_range
-from splatcl.oracle.ellipses import _Cover, _Ellipses, _ellipses, _within
+from splatcl.oracle.discs import _discs, _Hits, _intersect, _out_of_range
+from splatcl.oracle.ellipses import _Cover, _ellipses, _within
 from splatcl.oracle.light_view import shadow_maps
 from splatcl.oracle.lightmap import gathered
 from splatcl.oracle.maps import _maps
-from splatcl.oracle.project import ProjectedSplats, _disc_bounds, _prefilter_point, bin, project
-from splatcl.oracle.raster import (
-    DepthBuffer,
-    GBuffer,
-    _depth_margin,
-    _prefilter,
-    _Raster,
-    _weight,
-    attributes,
-    visibility,
-)
-from splatcl.oracle.rays import (
-    CLEAR,
-    EDGE_ON,
-    NO_SPLAT,
-    NOTHING,
-    OFFSET_ERROR,
-    PAIRS_AT_ONCE,
-    TINY,
-    UNIT,
-    Array,
-    _chunks,
-    _cosine,
-    _image,
-    _normalize,
-    _range_margin,
-    _raster,
-    _ray_length,
-    _rays,
-    _s_center,
-)
-from splatcl.oracle.shade import _phong, _to_light, color, shade
-from splatcl.oracle.shadow import Lookup, ShadowMap, lookup
+from splatcl.oracle.project import ProjectedSplats, _disc_bounds, bin, project
+from splatcl.oracle.raster import DepthBuffer, GBuffer, _Raster, _weight, attributes, visibility
+from splatcl.oracle.rays import EDGE_ON, NO_SPLAT, NOTHING, OFFSET_ERROR, TINY, UNIT, Array, _ray_length, _rays
+from splatcl.oracle.shade import shade
+from splatcl.oracle.shadow import lookup
 from splatcl.oracle.supersampling import averaged, enlarged
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
 __all__ = [
-    "CLEAR",
     "EDGE_ON",
     "NOTHING",
     "NO_SPLAT",
     "OFFSET_ERROR",
-    "PAIRS_AT_ONCE",
     "TINY",
     "UNIT",
-    "Array",
     "DepthBuffer",
     "GBuffer",
-    "Lookup",
     "ProjectedSplats",
-    "ShadowMap",
     "_Cover",
-    "_Discs",
-    "_Ellipses",
     "_Hits",
     "_Raster",
-    "_chunks",
-    "_cosine",
-    "_depth_margin",
     "_disc_bounds",
     "_discs",
     "_ellipses",
-    "_image",
     "_intersect",
     "_maps",
-    "_normalize",
     "_out_of_range",
-    "_phong",
-    "_prefilter",
-    "_prefilter_point",
-    "_range_margin",
-    "_raster",
     "_ray_length",
     "_rays",
-    "_s_center",
-    "_to_light",
     "_weight",
     "_within",
     "attributes",
     "auto_epsilon",
     "averaged",
     "bin",
-    "color",
     "enlarged",
     "gathered",
     "lookup",

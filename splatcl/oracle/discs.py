@@ -90,11 +90,9 @@ def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
         hit = discs.usable & (d > 0) & (z >= camera.near) & (z <= camera.far) & kept
         r_squared = np.where(hit, (size / d) ** 2, np.inf)
 
-        e_x = np.abs(s_x - discs.s_center[:, 0]) + discs.offset_error / camera.fx
-        e_y = np.abs(s_y - discs.s_center[:, 1]) + discs.offset_error / camera.fy
-        u_abs, v_abs, z_abs, d_abs = np.abs(discs.forms)
-        uvd_abs, steep = u_abs + v_abs + d_abs, 1 + discs.kappa
-        scale_r = uvd_abs[0] * e_x + uvd_abs[1] * e_y + steep * discs.d_center
+        scale_r, e_x, e_y = _scale(discs, camera, s)
+        _, _, z_abs, d_abs = np.abs(discs.forms)
+        steep = 1 + discs.kappa
         error_d = discs.d_center + steep * (d_abs[0] * e_x + d_abs[1] * e_y)
         error_z = steep * (z_abs[0] * e_x + z_abs[1] * e_y)
         scale_z = (np.abs(z) * error_d + error_z) / np.abs(d) + TINY
@@ -105,6 +103,15 @@ def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
         return _Hits(r_squared, r, z, scale_z, scale_r, margin, u / d, v / d, kept, kept_margin)
 
 
+def _scale(discs: _Discs, camera: Camera, s: Array) -> tuple[Array, Array, Array]:
+    """Scale of den - |(A.s, B.s)| and of a clip line's form, and e_x, e_y that are in it. `s` as for `_intersect`."""
+    e_x = np.abs(s[..., 0] - discs.s_center[:, 0]) + discs.offset_error / camera.fx
+    e_y = np.abs(s[..., 1] - discs.s_center[:, 1]) + discs.offset_error / camera.fy
+    u_abs, v_abs, _, d_abs = np.abs(discs.forms)
+    terms = u_abs + v_abs + d_abs
+    return terms[0] * e_x + terms[1] * e_y + (1 + discs.kappa) * discs.d_center, e_x, e_y
+
+
 def _clip(discs: _Discs, camera: Camera, s: Array) -> tuple[Array, Array]:
     """Whether the clip lines keep a pixel, and the signed margin of that. `s` as for `_intersect`."""
     s_x, s_y = s[..., 0], s[..., 1]
@@ -112,12 +119,8 @@ def _clip(discs: _Discs, camera: Camera, s: Array) -> tuple[Array, Array]:
     kept, margin = np.ones(shape, bool), np.full(shape, np.inf)
     if not discs.clips.any():
         return kept, margin
-    u_abs, v_abs, _, d_abs = np.abs(discs.forms)
-    terms = u_abs + v_abs + d_abs
     with np.errstate(invalid="ignore", over="ignore"):
-        e_x = np.abs(s_x - discs.s_center[:, 0]) + discs.offset_error / camera.fx
-        e_y = np.abs(s_y - discs.s_center[:, 1]) + discs.offset_error / camera.fy
-        scale = terms[0] * e_x + terms[1] * e_y + (1 + discs.kappa) * discs.d_center
+        scale, _, _ = _scale(discs, camera, s)
         for line in discs.clips:
             side = s_x * line[0] + s_y * line[1] + line[2]
             cuts = line.any(axis=0)

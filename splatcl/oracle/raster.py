@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.discs import _clip, _Discs, _discs, _Hits, _intersect
+from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect
 from splatcl.oracle.ellipses import _Cover, _Ellipses, _ellipses, _within
 from splatcl.oracle.project import ProjectedSplats
 from splatcl.oracle.rays import (
@@ -92,9 +92,9 @@ class _Raster:
             return _Cover(hits.r_squared, hits.r, hits.scale_r, hits.margin)
         return _cut(_within(self.ellipses, filtered, self.camera, s), hits.kept, hits.kept_margin)
 
-    def prefilter(self, s: Array) -> _Cover:
+    def prefilter(self, hits: _Hits, s: Array) -> _Cover:
         """Say where the pre-filter of [BHZK05] is, within the clip lines."""
-        return _cut(_prefilter(self.projected, self.camera, self.settings, s), *_clip(self.discs, self.camera, s))
+        return _cut(_prefilter(self.projected, self.camera, self.settings, s), hits.kept, hits.kept_margin)
 
     def covered(self, s: Array) -> _Fragments:
         """Return the fragments of the visibility pass, which knows no pre-filter."""
@@ -105,7 +105,7 @@ class _Raster:
         """Return the fragments of the attribute pass."""
         hits = _intersect(self.discs, self.camera, s)
         footprint = self.footprint(hits, s, filtered=True)
-        return self._fragments(hits, footprint, self.prefilter(s) if self.settings.prefilter == "min" else None)
+        return self._fragments(hits, footprint, self.prefilter(hits, s) if self.settings.prefilter == "min" else None)
 
     def _fragments(self, hits: _Hits, footprint: _Cover, prefilter: _Cover | None = None) -> _Fragments:
         """Join what covers a pixel; a fragment whose ray misses the disc takes the centre's depth."""
