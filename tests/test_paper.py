@@ -15,7 +15,7 @@ from splatcl.paper import antialiasing, comparison, filters, metrics, perspectiv
 from splatcl.paper.catalogue import EXPERIMENTS, chosen
 from splatcl.paper.experiment import Claim, Figure, Result, Run
 
-DOCS = Path(__file__).parents[1] / "docs"
+PAGE = Path(__file__).parents[1] / "docs" / "trust" / "paper.md"
 GREY = np.full((20, 24, 3), 0.5, np.float32)
 
 
@@ -159,8 +159,8 @@ def test_a_result_as_a_folder_and_as_a_page(tmp_path, capsys):
     report.write_docs(tmp_path / "docs", [RESULT])
     files = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")}
     index = {"out/index.md", "out/stub_small_one.png", "out/stub_larger.png"}
-    assert files == index | {"docs/paper.md", "docs/paper_stub.png"}
-    for path in (tmp_path / "out/index.md", tmp_path / "docs/paper.md"):
+    assert files == index | {"docs/trust/paper.md", "docs/images/paper_stub.png"}
+    for path in (tmp_path / "out/index.md", tmp_path / "docs/trust/paper.md"):
         text = path.read_text()
         assert "| a | 0.25 dB | 1,234,567 |" in text and "| b | 12.5% |  |" in text and "a note" in text
         assert "| [stub](#stub) | Two. | 2. | does not hold |" in text
@@ -168,12 +168,12 @@ def test_a_result_as_a_folder_and_as_a_page(tmp_path, capsys):
 
 
 def test_the_page_names_every_experiment():
-    text = (DOCS / "paper.md").read_text()
+    text = PAGE.read_text()
     table = text[: text.index("\n## ")]
     assert re.findall(r"^## (\w+)$", text, re.MULTILINE) == list(EXPERIMENTS)
     assert all(f"[{name}](#{name})" in table for name in EXPERIMENTS)
     pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
-    assert pictures and all((DOCS / picture).exists() for picture in pictures)
+    assert pictures and all((PAGE.parent / picture).exists() for picture in pictures)
 
 
 def test_names_that_are_no_experiments(capsys):

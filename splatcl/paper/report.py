@@ -27,10 +27,10 @@ INTRODUCTION = """\
 
 `splatcl paper --docs docs` wrote this page; `splatcl paper` writes every image at full size, `--quick` small ones, and
 `splatcl paper NAME` reruns one experiment. What a paper says is put in our words. A claim holds if the numbers beside
-it meet the bound that is written in the experiment ([splatcl/paper/](../splatcl/paper)). Scenes, measures and bounds
+it meet the bound that is written in the experiment ([splatcl/paper/](../../splatcl/paper)). Scenes, measures and bounds
 are ours, and some were set after a first look at the numbers: read the numbers, not the verdict alone. Speeds are
-those of the machine and its load at the time; [bench.md](bench.md) tells how to measure them well. The papers are
-those of [specification.md](specification.md).
+those of the machine and its load at the time; [bench.md](../speed/bench.md) tells how to measure them well. The papers are
+those of [specification.md](../specification.md).
 """
 
 
@@ -80,17 +80,19 @@ def write_folder(folder: Path, results: Sequence[Result]) -> None:
 
 
 def write_docs(folder: Path, results: Sequence[Result]) -> None:
-    """Write paper.md and one paper_NAME.png for each experiment that has images; `FileError` where that cannot be."""
-    make_folder(folder)
+    """Write trust/paper.md, and images/paper_NAME.png for each experiment with images, or raise `FileError`."""
+    pages, images = folder / "trust", folder / "images"
+    make_folder(pages)
+    make_folder(images)
     sections = []
     for result in results:
         pictures = []
         if result.images:
             file = f"paper_{result.name}.png"
-            write_png(folder / file, strip([picture(image) for image in result.images.values()]))
-            pictures = [f"![{result.name}]({file})\n\nFrom the left, row by row: {'; '.join(result.images)}."]
+            write_png(images / file, strip([picture(image) for image in result.images.values()]))
+            pictures = [f"![{result.name}](../images/{file})\n\nFrom the left, row by row: {'; '.join(result.images)}."]
         sections.append((result, pictures))
-    write_text(folder / "paper.md", INTRODUCTION + "\n" + page(sections))
+    write_text(pages / "paper.md", INTRODUCTION + "\n" + page(sections))
 
 
 def page(sections: Sequence[tuple[Result, list[str]]]) -> str:
