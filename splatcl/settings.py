@@ -48,8 +48,8 @@ class RenderSettings:
     ----------
     method : {"botsch05", "zwicker04", "zwicker01", "botsch04", "botsch03"}
         The paper's system whose choices of `footprint`, `circular`, `prefilter`, `normals` and `shading` are
-        taken where those are "method" (None) or not given (docs/guide/methods.md). It is applied when the settings are made:
-        ``dataclasses.replace(settings, method=...)`` does not change them again.
+        taken where those are "method" (None) or not given (docs/guide/methods.md). It is applied when the settings are
+        made: ``dataclasses.replace(settings, method=...)`` does not change them again.
     footprint : {"raycast", "affine", "conic"}
         What of the screen a disc covers: the pixels whose rays hit it ([BHZK05]), the ellipse of the projection's
         affine map exact at the centre ([ZPvBG01]), or the ellipse of its projected contour ([ZRB04]).

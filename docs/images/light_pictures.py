@@ -1,4 +1,4 @@
-"""Render the pictures of docs/guide/lights.md: ``python docs/images/light_pictures.py`` in the root of the repository."""
+"""Render the pictures of docs/guide/lights.md: ``python docs/images/light_pictures.py``."""
 
 from __future__ import annotations
 

@@ -59,8 +59,8 @@ def render(
     user_shader : path
         File of OpenCL C with a function float4 shade(const Surface s, const Scene scene); sets --shader user.
     light : str
-        A light, such as kind=spot,vector=0:2:1,direction=0:-1:0,color=1:1:1,shadow=pcf (docs/guide/lights.md), in place of
-        the headlight; give the option again for each further light.
+        A light, such as kind=spot,vector=0:2:1,direction=0:-1:0,color=1:1:1,shadow=pcf (docs/guide/lights.md), in place
+        of the headlight; give the option again for each further light.
     on_invalid : str
         What to do with splats that have non-finite numbers or no area.
     device : str

@@ -75,8 +75,8 @@ def shade(
     time : float
         Seconds, for a user's shader.
     light : str
-        A light, such as kind=point,vector=0:2:1,color=1:1:1 (docs/guide/lights.md), in place of those of the frame; give
-        the option again for each further light. Shadows need a new render.
+        A light, such as kind=point,vector=0:2:1,color=1:1:1 (docs/guide/lights.md), in place of those of the frame;
+        give the option again for each further light. Shadows need a new render.
     device : str
         OpenCL device: an index of `splatcl devices`, or words of its name and version.
     allow_inexact : bool

@@ -29,8 +29,8 @@ INTRODUCTION = """\
 `splatcl paper NAME` reruns one experiment. What a paper says is put in our words. A claim holds if the numbers beside
 it meet the bound that is written in the experiment ([splatcl/paper/](../../splatcl/paper)). Scenes, measures and bounds
 are ours, and some were set after a first look at the numbers: read the numbers, not the verdict alone. Speeds are
-those of the machine and its load at the time; [bench.md](../speed/bench.md) tells how to measure them well. The papers are
-those of [specification.md](../specification.md).
+those of the machine and its load at the time; [bench.md](../speed/bench.md) tells how to measure them well. The papers
+are those of [specification.md](../specification.md).
 """
 
 
