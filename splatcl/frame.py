@@ -136,7 +136,7 @@ class Frame:
         return read_frame(path)
 
     def shade(self, settings: RenderSettings | None = None, **changes: Any) -> Frame:
-        """Return this frame lit and shaded anew from its AOVs, without its splats (docs/shaders.md).
+        """Return this frame lit and shaded anew from its AOVs, without its splats (docs/guide/shaders.md).
 
         A frame of `render` gets the same bits as a fresh render with the same settings, also after it was saved as
         .exr and loaded, but for double precision, which the file rounds.
@@ -178,7 +178,7 @@ class Frame:
         return probe(self, x, y)
 
     def check(self) -> tuple[Check, ...]:
-        """Render again and account for every splat, record, fragment and colour; see docs/probe.md.
+        """Render again and account for every splat, record, fragment and colour; see docs/trust/probe.md.
 
         The results are also put into `metadata["checks"]`. `SplatclError` as for `probe`.
         """

@@ -2,7 +2,8 @@
 
 The scenes are built with + - * / alone in float64, from an integer hash, so that every machine builds the same
 bits; camera matrices are multiples of 2^-20, so that products with them are exact on the host. The hashes are in
-golden.json; `python -m splatcl.golden` (`make golden`) writes them again. docs/reproducibility.md has the results.
+golden.json; `python -m splatcl.golden` (`make golden`) writes them again. docs/trust/reproducibility.md has
+the results.
 """
 
 from __future__ import annotations
@@ -161,7 +162,7 @@ def digest(frame: Frame) -> Hashes:
 
 
 def one_hash(hashes: Hashes) -> str:
-    """Return the SHA-256 of all the hashes of a scene, as docs/reproducibility.md has it."""
+    """Return the SHA-256 of all the hashes of a scene, as docs/trust/reproducibility.md has it."""
     return hashlib.sha256(json.dumps(hashes, sort_keys=True).encode()).hexdigest()
 
 

@@ -1,6 +1,6 @@
 """Margins and envelopes on the frame's device: kernels/margin.cl and kernels/envelope.cl, in double precision.
 
-The kernels follow the profile of docs/reproducibility.md, so every device gives the same bits. A device without
+The kernels follow the profile of docs/trust/reproducibility.md, so every device gives the same bits. A device without
 double precision leaves the work to the host (splatcl/uncertainty.py, splatcl/envelope.py), whose results differ by
 float64's rounding alone. So it does where splats are drawn by anything but ray-cast discs without clip lines.
 """

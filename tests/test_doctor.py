@@ -23,7 +23,7 @@ from splatcl.doctor import Report, examine
 from splatcl.errors import DeviceError
 from splatcl.io.exr import read_exr
 
-PAGE = (Path(__file__).parents[1] / "docs" / "doctor.md").read_text()
+PAGE = (Path(__file__).parents[1] / "docs" / "trust" / "doctor.md").read_text()
 SPLATS = splatcl.Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
 CAMERA = splatcl.Camera.look_at((0, 0, 3), (0, 0, 0), width=33, height=17)
 DIVISION = ("#define divide(a, b) ((a) / (b))", "#define divide(a, b) ((a) * (R(1.0) / (b)))")

@@ -15,7 +15,7 @@ from splatcl.paper import antialiasing, comparison, filters, metrics, perspectiv
 from splatcl.paper.catalogue import EXPERIMENTS, chosen
 from splatcl.paper.experiment import Claim, Figure, Result, Run
 
-DOCS = Path(__file__).parents[1] / "docs"
+PAGE = Path(__file__).parents[1] / "docs" / "trust" / "paper.md"
 GREY = np.full((20, 24, 3), 0.5, np.float32)
 
 
@@ -25,8 +25,8 @@ def run(renderer):
 
 
 def assert_described(result):
-    """Assert that docs/paper.md has the words of an experiment: title, notes, claims and measures."""
-    page = (DOCS / "paper.md").read_text()
+    """Assert that docs/trust/paper.md has the words of an experiment: title, notes, claims and measures."""
+    page = PAGE.read_text()
     section = page[page.index(f"\n## {result.name}\n") :]
     assert section.startswith(f"\n## {result.name}\n\n{' '.join([f'{result.title}.', *result.notes])}\n")
     assert all(f"| {claim.says} |" in page for claim in result.claims)
@@ -178,8 +178,8 @@ def test_a_result_as_a_folder_and_as_a_page(tmp_path, capsys):
     report.write_docs(tmp_path / "docs", [RESULT])
     files = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")}
     index = {"out/index.md", "out/stub_small_one.png", "out/stub_larger.png"}
-    assert files == index | {"docs/paper.md", "docs/paper_stub.png"}
-    for path in (tmp_path / "out/index.md", tmp_path / "docs/paper.md"):
+    assert files == index | {"docs/trust/paper.md", "docs/images/paper_stub.png"}
+    for path in (tmp_path / "out/index.md", tmp_path / "docs/trust/paper.md"):
         text = path.read_text()
         assert "| a | 0.25 dB | 1,234,567 |" in text and "| b | 12.5% |  |" in text and "a note" in text
         assert "| [stub](#stub) | Two. | 2. | does not hold |" in text
@@ -187,13 +187,13 @@ def test_a_result_as_a_folder_and_as_a_page(tmp_path, capsys):
 
 
 def test_the_page_names_every_experiment():
-    text = (DOCS / "paper.md").read_text()
+    text = PAGE.read_text()
     table = text[: text.index("\n## ")]
     assert text.startswith(report.INTRODUCTION)
     assert re.findall(r"^## (\w+)$", text, re.MULTILINE) == list(EXPERIMENTS)
     assert all(f"[{name}](#{name})" in table for name in EXPERIMENTS)
     pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
-    assert pictures and all((DOCS / picture).exists() for picture in pictures)
+    assert pictures and all((PAGE.parent / picture).exists() for picture in pictures)
 
 
 def test_names_that_are_no_experiments(capsys):

@@ -1,4 +1,4 @@
-"""Sharp features: splats that clip lines cut off at edges ([ZRB04]). docs/features.md shows each way to make them."""
+"""Sharp features: splats that clip lines cut off at edges ([ZRB04]). docs/guide/features.md shows how to make them."""
 
 from splatcl.features.csg import csg_splats, cube
 from splatcl.features.lines import clip_lines

@@ -36,11 +36,11 @@ $ splatcl paper --docs docs    # this page
 ```
 
 - Each claim is put in our words. It holds if the numbers beside it meet the bound in the experiment's source
-  ([splatcl/apps/paper/experiments/](../splatcl/paper)).
+  ([splatcl/apps/paper/experiments/](../../splatcl/paper)).
 - Scenes, measures and bounds are ours. Some bounds were set after a first look at the numbers: read the numbers, not
   the verdict alone.
-- Speeds depend on the machine and its load. [bench.md](bench.md) says how to measure them well.
-- [specification.md](specification.md) lists the papers.
+- Speeds depend on the machine and its load. [bench.md](../speed/bench.md) says how to measure them well.
+- [specification.md](../specification.md) lists the papers.
 """
 
 
@@ -90,17 +90,19 @@ def write_folder(folder: Path, results: Sequence[Result]) -> None:
 
 
 def write_docs(folder: Path, results: Sequence[Result]) -> None:
-    """Write paper.md, and paper_NAME.png for each experiment with images, or raise `FileError`."""
-    make_folder(folder)
+    """Write trust/paper.md, and images/paper_NAME.png for each experiment with images, or raise `FileError`."""
+    pages, images = folder / "trust", folder / "images"
+    make_folder(pages)
+    make_folder(images)
     sections = []
     for result in results:
         pictures = []
         if result.images:
             file = f"paper_{result.name}.png"
-            write_png(folder / file, strip([picture(image) for image in result.images.values()]))
-            pictures = [f"![{result.name}]({file})\n\nFrom the left, row by row: {'; '.join(result.images)}."]
+            write_png(images / file, strip([picture(image) for image in result.images.values()]))
+            pictures = [f"![{result.name}](../images/{file})\n\nFrom the left, row by row: {'; '.join(result.images)}."]
         sections.append((result, pictures))
-    write_text(folder / "paper.md", INTRODUCTION + "\n" + page(sections))
+    write_text(pages / "paper.md", INTRODUCTION + "\n" + page(sections))
 
 
 def page(sections: Sequence[tuple[Result, list[str]]]) -> str:
