@@ -16,7 +16,10 @@ from typing import Any
 
 import pyopencl
 
-from splatcl import Renderer, device, golden, pipeline, program
+from splatcl import Renderer
+from splatcl.evidence.golden import scenes as golden
+from splatcl.opencl.device import queue as device, program
+from splatcl.opencl.passes import bin as pipeline
 from splatcl.errors import DeviceError
 
 WAYS: tuple[dict[str, Any], ...] = (

@@ -9,18 +9,19 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from splatcl import features as features
-    from splatcl.camera import Camera
-    from splatcl.decimate import decimate
+    from splatcl import features
+    from splatcl.scene.camera import Camera
+    from splatcl.prepare.decimate import decimate
     from splatcl.errors import SplatclError
-    from splatcl.fields import fit_normal_fields, normal_fields
+    from splatcl.prepare.normal_fields import fit_normal_fields, normal_fields
     from splatcl.frame import Frame
-    from splatcl.io import read, write
-    from splatcl.io.frames import read_frame
-    from splatcl.lights import Light, Material, Npr
-    from splatcl.render import Renderer, render
-    from splatcl.settings import RenderSettings
-    from splatcl.splats import Splats
+    from splatcl.io.read import read
+    from splatcl.io.write import write
+    from splatcl.frame import read_frame
+    from splatcl.scene.lights import Light, Material, Npr
+    from splatcl.renderer import Renderer, render
+    from splatcl.scene.settings import RenderSettings
+    from splatcl.scene.splats import Splats
 
     __version__: str
 

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.camera import Camera
+from splatcl.scene.camera import Camera
 from splatcl.errors import FileError, SplatclError
-from splatcl.settings import RenderSettings
+from splatcl.scene.settings import RenderSettings
 
 if TYPE_CHECKING:
-    from splatcl.accounting import Check
-    from splatcl.probe import Probe
-    from splatcl.render import Renderer, Resident
-    from splatcl.splats import Splats
+    from splatcl.evidence.accounting import Check
+    from splatcl.evidence.probe_report import Probe
+    from splatcl.opencl.session import UploadedSplats
+    from splatcl.renderer import Renderer
+    from splatcl.scene.splats import Splats
 
 OUTPUT_FORMATS = (".exr", ".png")
 MARGINS = ("margin", "margin.raw")
@@ -52,7 +53,7 @@ class Frame:
         self.camera = camera
         self.settings = RenderSettings() if settings is None else settings
         self.metadata = dict(metadata or {})
-        self.rendered_from: tuple[Renderer, Splats | Resident] | None = None
+        self.rendered_from: tuple[Renderer, Splats | UploadedSplats] | None = None
         self._added: dict[str, NDArray[Any]] = {}
 
     @property
@@ -131,7 +132,7 @@ class Frame:
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Frame:
         """Read a frame that splatcl wrote as .exr, to look at or to `shade` again; see `splatcl.read_frame`."""
-        from splatcl.io.frames import read_frame
+        from splatcl.frame import read_frame
 
         return read_frame(path)
 
@@ -156,7 +157,7 @@ class Frame:
         SettingsError
             The change needs a new render, or the shader does not compile.
         """
-        from splatcl.relight import relight
+        from splatcl.opencl.relight import relight
 
         return relight(self, settings, changes)
 
@@ -173,7 +174,7 @@ class Frame:
         The frame keeps its splats for this. `SplatclError` says so where the pixel is outside the image, or the
         frame has none: it was pickled or not rendered.
         """
-        from splatcl.probe import probe
+        from splatcl.evidence.probe import probe
 
         return probe(self, x, y)
 
@@ -182,7 +183,7 @@ class Frame:
 
         The results are also put into `metadata["checks"]`. `SplatclError` as for `probe`.
         """
-        from splatcl.accounting import check
+        from splatcl.evidence.accounting import check
 
         return check(self)
 
@@ -191,7 +192,7 @@ class Frame:
 
         See `splatcl.uncertainty.margin`; `SplatclError` as for `probe`.
         """
-        from splatcl.uncertainty_pass import margin
+        from splatcl.evidence.margin import margin
 
         renderer, splats = self.origin("add a margin to")
         arguments = renderer.resident(splats), self.camera, self.settings, self.metadata["epsilon"]
@@ -202,8 +203,8 @@ class Frame:
 
         See `splatcl.envelope.envelope`, also for `tolerance`; `SplatclError` as for `probe`.
         """
-        from splatcl.envelope import TOLERANCE
-        from splatcl.uncertainty_pass import envelope
+        from splatcl.evidence.host.envelope import TOLERANCE
+        from splatcl.evidence.envelope import envelope
 
         tolerance = TOLERANCE if tolerance is None else tolerance
         renderer, splats = self.origin("add an envelope to")
@@ -211,7 +212,7 @@ class Frame:
         self._added |= renderer.call(envelope, *arguments)
         self.metadata["envelope_tolerance"] = tolerance
 
-    def origin(self, purpose: str) -> tuple[Renderer, Splats | Resident]:
+    def origin(self, purpose: str) -> tuple[Renderer, Splats | UploadedSplats]:
         """Return the renderer and the splats that the frame was rendered with; `purpose` is what for."""
         if self.settings.supersampling > 1:
             raise SplatclError(

@@ -7,10 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from splatcl import oracle, pipeline
-from splatcl.passes import Passes
-from splatcl.pipeline import DepthBuffer, GBuffer
-from splatcl.resident import upload
+from splatcl import oracle
+from splatcl.opencl.passes import bin as pipeline
+from splatcl.opencl.state.context import PassContext
+from splatcl.opencl.state.buffers import DepthBuffer, GBuffer
+from splatcl.opencl.state.upload import upload
 
 BOX = ("x_min", "y_min", "x_max", "y_max")
 
@@ -30,7 +31,7 @@ class DevicePasses:
         settings = pipeline.effective_settings(settings, splats.oriented)
         self.epsilon = oracle.auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon
         self.device, self.camera, self.settings = device, camera, settings
-        self.passes = Passes(device, camera, settings, tile_size, settings.precision)
+        self.passes = PassContext(device, camera, settings, tile_size, settings.precision)
         self.splats = upload(device, splats, settings.precision)
         self.view = self.passes.view(self.splats.origin)
 

@@ -11,8 +11,9 @@ from scenes import CAMERAS, EPSILON, VIEWS
 from test_probe import SETTINGS
 
 import splatcl
-from splatcl import RenderSettings, pipeline
-from splatcl.accounting import Check, color_bound
+from splatcl import RenderSettings
+from splatcl.opencl.passes import bin as pipeline
+from splatcl.evidence.accounting import Check, color_bound
 from splatcl.cli import FAILED, main
 from splatcl.frame import Frame
 from splatcl.io.exr import read_exr

@@ -11,8 +11,9 @@ from agreement import assert_attributes_agree, reference, scene
 from passes import DevicePasses
 from scenes import CAMERAS, EPSILON, SIZE, VIEWS, frames, log_uniform, make
 
-from splatcl import Camera, RenderSettings, Splats, program
-from splatcl import device as devices
+from splatcl import Camera, RenderSettings, Splats
+from splatcl.opencl.device import program
+from splatcl.opencl.device import queue as devices
 
 TABLE = {"kernel": "table", "kernel_table": (1.0, 0.9, 0.4, 0.15, 0.1)}
 KERNELS = {

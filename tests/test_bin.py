@@ -8,7 +8,8 @@ from agreement import scene
 from passes import DevicePasses
 from scenes import CAMERAS, EPSILON, EYE, any_camera, any_discs
 
-from splatcl import Camera, RenderSettings, pipeline
+from splatcl import Camera, RenderSettings
+from splatcl.opencl.passes import bin as pipeline
 
 SETTINGS = RenderSettings(epsilon=EPSILON)
 TILES = [8, 16, 32, 64]

@@ -13,7 +13,7 @@ import splatcl
 import splatcl.io
 from splatcl import Camera, RenderSettings
 from splatcl.cli import FAILED, INTERRUPTED, MISTAKE, main
-from splatcl.cli.view import axis_vector
+from splatcl.cli.options.view import axis_vector
 from splatcl.errors import DeviceError, FileError
 from splatcl.io.cameras import write_camera
 from splatcl.io.exr import read_exr

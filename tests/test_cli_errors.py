@@ -10,7 +10,7 @@ import pytest
 from cli_stub import run, stub
 
 import splatcl.io
-from splatcl import device, program
+from splatcl.opencl.device import queue as device, program
 from splatcl.cli import FAILED, MISTAKE, as_options
 from splatcl.errors import DeviceError, FileError
 

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 import splatcl
-from splatcl import arithmetic, golden, program, strict
-from splatcl import device as devices
+from splatcl.evidence.golden import scenes as golden
+from splatcl.opencl.device import arithmetic, program, strictness as strict
+from splatcl.opencl.device import queue as devices
 from splatcl.cli import main
-from splatcl.device import DeviceQueue
-from splatcl.doctor import examine
+from splatcl.opencl.device.queue import DeviceQueue
+from splatcl.evidence.doctor import examine
 from splatcl.errors import DeviceError
 from splatcl.io.exr import read_exr
 

@@ -12,7 +12,9 @@ from scenes import CAMERAS, EPSILON, SCENES, VIEWS, random_ellipses
 
 import splatcl
 import splatcl.io.exr
-from splatcl import RenderSettings, Splats, envelope, oracle, program, uncertainty
+from splatcl import RenderSettings, Splats, oracle
+from splatcl.evidence.host import envelope, pairs as uncertainty
+from splatcl.opencl.device import program
 
 CHOICES = {
     "default": RenderSettings(epsilon=EPSILON),

@@ -12,7 +12,8 @@ from tolerances import DEVICE_MARGIN, DEVICE_RELATIVE
 
 import splatcl
 import splatcl.io.exr
-from splatcl import RenderSettings, Splats, oracle, uncertainty
+from splatcl import RenderSettings, Splats, oracle
+from splatcl.evidence.host import pairs as uncertainty
 
 METHODS = {
     "zwicker04": RenderSettings(method="zwicker04", epsilon=EPSILON, facing="flip"),

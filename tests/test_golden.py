@@ -16,7 +16,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatcl import Frame, Renderer, device, golden, passes, pipeline
+from splatcl import Frame, Renderer
+from splatcl.evidence.golden import scenes as golden
+from splatcl.opencl.device import queue as device
+from splatcl.opencl.passes import bin as pipeline
+from splatcl.opencl.state import context as passes
 from splatcl.errors import DeviceError
 
 MANY = """

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scenes import CAMERAS, SCENES, frames, joined, random_ellipses
 from tolerances import DEPTH_RELATIVE, MARGIN_UNITS, PERMUTED, RESOLVED
 
-from splatcl import Camera, RenderSettings, Splats, oracle, pipeline
+from splatcl import Camera, RenderSettings, Splats, oracle
+from splatcl.opencl.passes import bin as pipeline
 
 NONE = 0xFFFFFFFF
 bounded = settings(

@@ -11,7 +11,7 @@ from io_files import FACE, PCD, PLY, PTX, RAW, STL, XYZ_ROWS, one_splat
 
 import splatcl.io
 from splatcl.errors import FileError, SplatclError
-from splatcl.splats import Splats
+from splatcl.scene.splats import Splats
 
 
 def laz_bytes(folder, name="a.laz"):

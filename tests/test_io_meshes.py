@@ -7,7 +7,7 @@ import pytest
 from io_files import FACES, NORMALS, OBJ, POINTS, close, linear, put
 
 import splatcl.io
-from splatcl.splats import DEFAULT_COLOR
+from splatcl.scene.splats import DEFAULT_COLOR
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,9 @@ import pytest
 from io_files import BYTES, FACES, NORMALS, POINTS, close, gaussian, linear, ply, put, rows, xyz
 
 import splatcl.io
-from splatcl.io.color import linear_integers, srgb_to_linear
-from splatcl.io.formats import load_model
-from splatcl.splats import DEFAULT_COLOR
+from splatcl.io.readers.color import linear_integers, srgb_to_linear
+from splatcl.io.read import load_model
+from splatcl.scene.splats import DEFAULT_COLOR
 
 FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
 

@@ -6,7 +6,7 @@ from io_files import BYTES, NORMALS, POINTS, close, linear, put
 
 import splatcl.io
 from splatcl.errors import FileError
-from splatcl.splats import DEFAULT_COLOR
+from splatcl.scene.splats import DEFAULT_COLOR
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])

@@ -5,7 +5,7 @@ import pytest
 from io_files import BYTES, NORMALS, POINTS, close, linear, put
 
 import splatcl.io
-from splatcl.splats import DEFAULT_COLOR
+from splatcl.scene.splats import DEFAULT_COLOR
 
 TEXTS = [
     ("a.xyz", "{x:r} {y:r} {z:r}\n", ""),

@@ -10,8 +10,9 @@ from agreement import scene
 from passes import DevicePasses
 from scenes import CAMERAS, EPSILON, VIEWS, any_camera, any_discs
 
-from splatcl import RenderSettings, pipeline
-from splatcl.passes import EVERY
+from splatcl import RenderSettings
+from splatcl.opencl.passes import bin as pipeline
+from splatcl.opencl.state.context import EVERY
 
 TILES = [8, 16, 32, 64]
 WAYS = (  # few, as each is compiled: tile size, footprint, pre-filter, and whether there are clip lines

@@ -21,9 +21,10 @@ from tolerances import (
     WEIGHT_RELATIVE,
 )
 
-from splatcl import Camera, Material, RenderSettings, SplatclError, golden, oracle
+from splatcl import Camera, Material, RenderSettings, SplatclError, oracle
+from splatcl.evidence.golden import scenes as golden
 from splatcl.features import cube
-from splatcl.resident import GLOSS
+from splatcl.opencl.state.upload import GLOSS
 
 VECTORS = ("N", "albedo", "color", "depth.mean", "P")
 LIT = {"lights": golden.LIGHTS, "material": Material(0.1, 0.6, 0.4, 12.0)}

@@ -13,7 +13,8 @@ from scenes import CAMERAS, random_ellipses
 from test_invariants import NONE, arrays, assert_same_bits
 from tolerances import PERMUTED
 
-from splatcl import RenderSettings, pipeline
+from splatcl import RenderSettings
+from splatcl.opencl.passes import bin as pipeline
 
 EPSILON = 0.25
 CHOICES = {  # as compiled for the golden images

@@ -16,10 +16,11 @@ from scenes import CAMERAS, EPSILON, VIEWS
 from tolerances import DEPTH_BY_HAND, PROBED_DISC
 
 import splatcl
-from splatcl import Camera, RenderSettings, SplatclError, Splats, uncertainty
+from splatcl import Camera, RenderSettings, SplatclError, Splats
+from splatcl.evidence.host import pairs as uncertainty
 from splatcl.cli import MISTAKE, main
 from splatcl.frame import Frame
-from splatcl.probe import COLUMNS, REACH
+from splatcl.evidence.probe_report import COLUMNS, REACH
 
 ROOT = Path(__file__).parent.parent
 FLAT = Camera.look_at((0, 0, 3), (0, 0, 0), width=8, height=8, near=1, far=10)

@@ -12,7 +12,7 @@ from test_shade import SHAPE, TOLERANCE, expected
 from tolerances import NPR_TIES, NPR_TIES_SHARE
 
 from splatcl import Camera, Frame, Light, Npr, RenderSettings, SplatclError
-from splatcl.device import DeviceQueue
+from splatcl.opencl.device.queue import DeviceQueue
 
 LIGHTS = (Light("point", (-0.5, 0.2, 2.0), (0.5, 0.9, 0.1)), Light("directional", (-1.0, 0.5, 0.5), (0.2, 0.3, 0.9)))
 NPR = Npr((0.1, 0.35, 0.5, 0.75, 0.95), 0.3, 0.25, (0.25, 0.0, 0.5))

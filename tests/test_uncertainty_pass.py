@@ -15,20 +15,13 @@ from scenes import CAMERAS, SCENES
 from test_envelope import CHOICES, EVERY
 from tolerances import DEVICE_MARGIN, DEVICE_RELATIVE, SURVEY_MARGIN
 
-from splatcl import (
-    Camera,
-    Renderer,
-    RenderSettings,
-    Splats,
-    envelope,
-    golden,
-    nearby,
-    pipeline,
-    uncertainty,
-    uncertainty_pass,
-)
+from splatcl import Camera, Renderer, RenderSettings, Splats
+from splatcl.evidence import nearby, margin as uncertainty_pass
+from splatcl.evidence.golden import scenes as golden
+from splatcl.evidence.host import envelope, pairs as uncertainty
+from splatcl.opencl.passes import bin as pipeline
 from splatcl.errors import DeviceError
-from splatcl.golden import GoldenScene
+from splatcl.evidence.golden.scenes import GoldenScene
 
 FOLDER = Path(__file__).resolve().parents[1] / "reference_images"
 sys.path.append(str(FOLDER))

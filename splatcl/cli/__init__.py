@@ -15,7 +15,7 @@ from dataclasses import fields
 from cyclopts import App, CycloptsError, Parameter
 
 from splatcl.errors import CheckError, DeviceError, SplatclError
-from splatcl.settings import RenderSettings
+from splatcl.scene.settings import RenderSettings
 
 FAILED, MISTAKE, INTERRUPTED = 1, 2, 130
 MISTAKEN_PATH = frozenset(

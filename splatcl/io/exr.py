@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.camera import Camera
+from splatcl.scene.camera import Camera
 from splatcl.errors import FileError, SplatclError
-from splatcl.io.atomic import atomic_path
+from splatcl.util.atomic import atomic_path
 from splatcl.io.cameras import camera_from_json, camera_to_json
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import Any, get_args, get_type_hints
 from splatcl.errors import FileError, SettingsError
 from splatcl.frame import Frame
 from splatcl.io.exr import read_exr
-from splatcl.settings import RenderSettings
+from splatcl.scene.settings import RenderSettings
 
 
 def read_frame(path: str | os.PathLike[str]) -> Frame:

@@ -6,24 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcl.camera import Camera
+from splatcl.scene.camera import Camera
 from splatcl.oracle.maps import _maps
-from splatcl.oracle.rays import (
-    CLEAR,
-    EDGE_ON,
-    NOTHING,
-    OFFSET_ERROR,
-    TINY,
-    UNIT,
-    Array,
-    _cosine,
-    _normalize,
-    _range_margin,
-    _raster,
-    _s_center,
-)
-from splatcl.settings import RenderSettings
-from splatcl.splats import Splats
+from splatcl.oracle.rays import CLEAR, EDGE_ON, NOTHING, OFFSET_ERROR, TINY, UNIT, Array, _cosine, _normalize, _range_margin, _raster, _s_center
+from splatcl.scene.settings import RenderSettings
+from splatcl.scene.splats import Splats
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatcl.camera import Camera
+from splatcl.scene.camera import Camera
 from splatcl.oracle.rays import Array
 
 if TYPE_CHECKING:

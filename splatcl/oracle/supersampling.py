@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatcl.camera import Camera
+from splatcl.scene.camera import Camera
 from splatcl.oracle.rays import NO_SPLAT, Array, _normalize
 
 
