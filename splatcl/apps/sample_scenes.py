@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.scene.camera import Camera
 from splatcl.prepare.voronoi import tangent_frame
+from splatcl.scene.camera import Camera
 from splatcl.scene.splats import Splats
 
 SEED = 20050621

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl import oracle
-from splatcl.opencl.passes import bin as pipeline
 from splatcl.opencl.aovs import DeviceAovs
-from splatcl.scene.camera import Camera
-from splatcl.frame import Frame
-from splatcl.opencl.state.context import PassContext
-from splatcl.opencl.state.buffers import DepthBuffer, ProjectedSplats, TileLists
-from splatcl.opencl.session import UploadedSplats
-from splatcl.renderer import Renderer
+from splatcl.opencl.passes.attributes import attributes, fragment_arguments
+from splatcl.opencl.passes.bin import bin, in_order
+from splatcl.opencl.passes.project import project
+from splatcl.opencl.passes.visibility import visibility
+from splatcl.opencl.session import Session, UploadedSplats
+from splatcl.opencl.state.buffers import Band, DepthBuffer, ProjectedSplats, TileLists
+from splatcl.opencl.state.context import PassContext, frame_buffers
 from splatcl.opencl.state.upload import DeviceSplats
+from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings, Target
 from splatcl.scene.splats import Splats
 
@@ -54,21 +55,34 @@ class Check:
         return f"{self.name:<15} {self.verdict}"
 
 
-def check(frame: Frame) -> tuple[Check, ...]:
-    """Render the frame's splats again and account for them; see `Frame.check`."""
-    renderer, splats = frame.origin("check")
-    resident = renderer.resident(splats)
-    survivors, checks, again = renderer.call(_account, resident, frame.camera, frame.settings)
-    checks = [_check_splats(survivors, resident.splats, frame.camera, frame.settings), *checks]
-    differing = [name for name, array in again.items() if array.tobytes() != frame[name].tobytes()]
+def check(
+    session: Session,
+    uploaded: UploadedSplats,
+    camera: Camera,
+    settings: RenderSettings,
+    aovs: Mapping[str, Array],
+) -> tuple[Check, ...]:
+    """Render a frame's splats again and account for them; see `Frame.check`.
+
+    Parameters
+    ----------
+    session : Session
+    uploaded : UploadedSplats
+        Prepared for the settings (`UploadedSplats.prepared`).
+    camera, settings
+        As the frame has them.
+    aovs : mapping of str to array
+        Of the first render.
+    """
+    survivors, checks, again = session.call(_account, uploaded, camera, settings)
+    checks = [_check_splats(survivors, uploaded.splats, camera, settings), *checks]
+    differing = [name for name, array in again.items() if array.tobytes() != aovs[name].tobytes()]
     detail = f"{', '.join(differing or again)} {'differ from' if differing else 'have'} the bits of the first render"
-    checks.append(Check("repetition", not differing, detail))
-    frame.metadata["checks"] = {one.name: one.verdict for one in checks}
-    return tuple(checks)
+    return (*checks, Check("repetition", not differing, detail))
 
 
 def _account(
-    renderer: Renderer, resident: UploadedSplats, camera: Camera, settings: RenderSettings
+    session: Session, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings
 ) -> tuple[Array, list[Check], dict[str, Array]]:
     """Render with a constant colour.
 
@@ -82,24 +96,24 @@ def _account(
         The AOVs that no colour enters.
     """
     settings = replace(settings, shading="deferred", shader="albedo", user_shader="")
-    white = replace(resident.splats, color=np.tile(CONSTANT_COLOR, (len(resident.splats), 1)))
-    passes, on_device = renderer.prepare(renderer.upload(white), camera, settings)
-    view, epsilon = passes.view(on_device.origin), resident.epsilon(settings)
-    kept = _project_in_order(passes, view, on_device)
-    copies = _expected_copies(kept, passes.tile_size, passes.tiles_x)
-    depth, gbuffer = pipeline.frame_buffers(passes)
+    white = replace(uploaded.splats, color=np.tile(CONSTANT_COLOR, (len(uploaded.splats), 1)))
+    context, on_device = session.prepare(session.upload(white), camera, settings)
+    view, epsilon = context.view(on_device.origin), uploaded.epsilon(settings)
+    kept = _project_in_order(context, view, on_device)
+    copies = _expected_copies(kept, context.tile_size, context.tiles_x)
+    depth, gbuffer = frame_buffers(context)
     faults: list[str] = []
     num_listed = 0
-    for lists in pipeline.bin(passes, view, on_device):
-        projected = pipeline.project(passes, view, on_device, lists)
-        faults += _list_faults(passes, kept, copies, lists, projected)
+    for lists in bin(context, view, on_device):
+        projected = project(context, view, on_device, lists)
+        faults += _list_faults(context, kept, copies, lists, projected)
         num_listed += int(lists.begin[-1])
-        pipeline.visibility(passes, lists, projected, depth)
-        pipeline.attributes(passes, view, lists, projected, depth, epsilon, gbuffer)
-    aovs = DeviceAovs(passes, view, depth, gbuffer, None)
-    num_fragments = _count_fragments(passes, view, on_device, depth, epsilon)
+        visibility(context, lists, projected, depth)
+        attributes(context, Band(view, lists, projected, depth, epsilon), gbuffer)
+    aovs = DeviceAovs(context, view, depth, gbuffer, None)
+    num_fragments = _count_fragments(context, view, on_device, depth, epsilon)
     checks = [
-        _check_binning(faults, len(copies.tile), num_listed, passes.num_tiles),
+        _check_binning(faults, len(copies.tile), num_listed, context.num_tiles),
         _check_fragments(num_fragments, aovs["count"]),
         _check_color(aovs["albedo"], aovs["weight"], aovs["count"], settings.target),
     ]
@@ -159,9 +173,9 @@ class _Projected:
     boxes: Array  # (S, 4) int16 x_min, y_min, x_max, y_max
 
     @classmethod
-    def read(cls, passes: PassContext, lists: TileLists, projected: ProjectedSplats) -> _Projected:
+    def read(cls, context: PassContext, lists: TileLists, projected: ProjectedSplats) -> _Projected:
         """Read what was made of each entry of the lists."""
-        device, dtypes, num = passes.device, passes.dtypes, int(lists.begin[-1])
+        device, dtypes, num = context.device, context.dtypes, int(lists.begin[-1])
         ids = device.read(lists.ids, (lists.start + num,), np.uint32)[lists.start :]
         records = device.read(projected.records, (num,), dtypes["ProjectedSplat"])
         attributes = device.read(projected.attributes, (num,), dtypes["SplatAttributes"])
@@ -180,11 +194,11 @@ class _Copies:
     survivor: Array  # (C,) index of the survivor
 
 
-def _project_in_order(passes: PassContext, view: Any, splats: DeviceSplats) -> _Projected:
+def _project_in_order(context: PassContext, view: Any, splats: DeviceSplats) -> _Projected:
     """Project every splat, without tiles, and return those that touch a pixel."""
     parts = []
-    for lists in pipeline.in_order(passes, splats.num_splats):
-        part = _Projected.read(passes, lists, pipeline.project(passes, view, splats, lists))
+    for lists in in_order(context, splats.num_splats):
+        part = _Projected.read(context, lists, project(context, view, splats, lists))
         parts.append(part.take(part.boxes[:, 0] <= part.boxes[:, 2]))
     return _Projected(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(_Projected)))
 
@@ -201,10 +215,10 @@ def _expected_copies(kept: _Projected, tile_size: int, tiles_x: int) -> _Copies:
 
 
 def _list_faults(
-    passes: PassContext, kept: _Projected, copies: _Copies, lists: TileLists, projected: ProjectedSplats
+    context: PassContext, kept: _Projected, copies: _Copies, lists: TileLists, projected: ProjectedSplats
 ) -> Iterator[str]:
     """Yield what is wrong with a band's lists: their order, what they lack, or the records made of them."""
-    got = _Projected.read(passes, lists, projected)
+    got = _Projected.read(context, lists, projected)
     tile = np.repeat(np.arange(lists.first_tile, lists.last_tile), np.diff(lists.begin))
     place = (tile.astype(np.int64) << 32) + got.ids
     ends = np.searchsorted(copies.tile, (lists.first_tile, lists.last_tile))
@@ -246,20 +260,20 @@ def _check_binning(faults: list[str], num_copies: int, num_listed: int, num_tile
 # ---- fragments and colour
 
 
-def _count_fragments(passes: PassContext, view: Any, splats: DeviceSplats, depth: DepthBuffer, epsilon: float) -> int:
+def _count_fragments(context: PassContext, view: Any, splats: DeviceSplats, depth: DepthBuffer, epsilon: float) -> int:
     """Count the fragments splat by splat (kernels/accounting.cl)."""
-    (epsilon, along, _, inverse_radius2, _, _), options = pipeline.fragment_arguments(passes, epsilon)
+    (epsilon, along, _, inverse_radius2, _, _), options = fragment_arguments(context, epsilon)
     total = 0
-    for lists in pipeline.in_order(passes, splats.num_splats):
-        projected, num = pipeline.project(passes, view, splats, lists), int(lists.begin[-1])
+    for lists in in_order(context, splats.num_splats):
+        projected, num = project(context, view, splats, lists), int(lists.begin[-1])
         num_chunks = -(-num // CHUNK)
-        counts = passes.device.buffer(num_chunks * 8)
-        passes.run(
+        counts = context.device.buffer(num_chunks * 8)
+        context.run(
             "accounting", (num_chunks,), view, projected.records, projected.extra, projected.attributes,
             projected.boxes, num, CHUNK, epsilon, along, inverse_radius2, depth.depth, counts,
             **{**projected.options, **options, **ONE_LANE},
         )  # fmt: skip
-        total += int(passes.device.read(counts, (num_chunks,), np.uint64).sum())
+        total += int(context.device.read(counts, (num_chunks,), np.uint64).sum())
     return total
 
 

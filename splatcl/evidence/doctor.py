@@ -6,13 +6,15 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from splatcl.errors import DeviceError
+from splatcl.evidence.golden import check as golden
 from splatcl.opencl.device import arithmetic
 from splatcl.opencl.device.arithmetic import Arithmetic, Finding
 from splatcl.opencl.device.devices import DeviceInfo
 from splatcl.opencl.device.queue import DeviceQueue
-from splatcl.errors import DeviceError
-from splatcl.scene.settings import Precision
 from splatcl.opencl.device.strictness import injected_flags
+from splatcl.opencl.session import Session
+from splatcl.scene.settings import Precision
 
 LABEL_WIDTH = 12
 MOST_SHOWN = 8
@@ -102,21 +104,18 @@ class Report:
 
 def examine(device: DeviceInfo) -> Report:
     """Test all the arithmetic of a device thoroughly, and render the golden images on it."""
-    from splatcl.evidence.golden import scenes as golden
-    from splatcl.renderer import Renderer
-
     flags = injected_flags()
     try:
-        queue = DeviceQueue(device.index, allow_inexact=True)
+        queue = DeviceQueue(device.index)
         precisions: list[Precision] = ["single", "double"] if device.supports["double"] == "yes" else ["single"]
         profiles = tuple(
             arithmetic.examine(queue, precision, arithmetic.LANES[precision], arithmetic.THOROUGH)
             for precision in precisions
         )
         fma = _fma(queue, precisions)
-        renderer = Renderer(device.index, allow_inexact=True)
-        mismatches = tuple(golden.check(renderer))
-        return Report(device, "", profiles, fma, flags, len(golden.renderable(renderer)), mismatches)
+        session = Session(device.index, allow_inexact=True)
+        mismatches = tuple(golden.check(session))
+        return Report(device, "", profiles, fma, flags, len(golden.renderable(session)), mismatches)
     except DeviceError as error:
         return Report(device, str(error), flags=flags)
 

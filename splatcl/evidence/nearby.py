@@ -7,19 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.opencl.state.context import PassContext
+from splatcl.errors import DeviceError
+from splatcl.opencl.device.strictness import Device
 from splatcl.opencl.passes.bin import bands, chunks, starts
+from splatcl.opencl.session import Session, UploadedSplats
+from splatcl.opencl.state.context import PassContext
 from splatcl.opencl.state.upload import near_origin
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
 
-if TYPE_CHECKING:
-    from splatcl.opencl.device.queue import DeviceQueue
-
+TILE = 8
+"""Pixels of a tile side. (Bits do not depend on it.)"""
 WORLD = ("center", "tangent_u", "tangent_v", "color")
 """What is uploaded of each splat, twelve numbers together."""
 VALUES = 7
@@ -60,7 +64,7 @@ class WorldSplats:
     num_splats: int
 
 
-def upload(device: DeviceQueue, splats: Splats) -> WorldSplats:
+def upload(device: Device, splats: Splats) -> WorldSplats:
     """Copy splats to the device, relative to an origin near them; 96 bytes each."""
     origin = near_origin(splats.center)
     world = np.empty((len(splats), 3 * len(WORLD)))
@@ -73,13 +77,13 @@ def upload(device: DeviceQueue, splats: Splats) -> WorldSplats:
     return WorldSplats(buffer, origin, len(splats))
 
 
-def nearby(passes: PassContext, view: Any, splats: WorldSplats) -> Iterator[NearbySplats]:
+def nearby(context: PassContext, view: Any, splats: WorldSplats) -> Iterator[NearbySplats]:
     """Find each tile's splats (kernels/nearby.cl), a band of tiles at a time; each band overwrites the one before."""
-    device, num_tiles, tiles_x, num = passes.device, passes.num_tiles, passes.tiles_x, splats.num_splats
+    device, num_tiles, tiles_x, num = context.device, context.num_tiles, context.tiles_x, splats.num_splats
     chunk_size, num_chunks = chunks(num, num_tiles)
     bounds = device.scratch("nearby_bounds", num * 8)
     counts_buffer = device.scratch("nearby_counts", num_chunks * num_tiles * 4)
-    passes.run(
+    context.run(
         "nearby_count", (num_chunks,), view, splats.world, num, chunk_size, bounds, counts_buffer, tiles_x, num_tiles,
         **OPTIONS,
     )  # fmt: skip
@@ -92,24 +96,51 @@ def nearby(passes: PassContext, view: Any, splats: WorldSplats) -> Iterator[Near
         device.write(counts_buffer, before)
         listed = device.scratch("nearby_listed", int(begin[-1]) * 8 * 3 * len(WORLD))
         listed_bounds = device.scratch("nearby_listed_bounds", int(begin[-1]) * 8)
-        passes.run(
+        context.run(
             "nearby_list", (num_chunks,), splats.world, bounds, num, chunk_size, counts_buffer, listed, listed_bounds,
             tiles_x, num_tiles, first, last, **OPTIONS,
         )  # fmt: skip
         for a, b in bands(totals[first:last], MAX_BAND_RECORDS[device.mapping]):
-            yield _records(passes, view, listed, listed_bounds, first + a, begin[a : b + 1])
+            yield _records(context, view, listed, listed_bounds, first + a, begin[a : b + 1])
 
 
 def _records(
-    passes: PassContext, view: Any, listed: Any, bounds: Any, first_tile: int, begin: NDArray[np.int32]
+    context: PassContext, view: Any, listed: Any, bounds: Any, first_tile: int, begin: NDArray[np.int32]
 ) -> NearbySplats:
     """Make the records of a band of tiles, whose lists lie at `begin` of `listed`."""
-    device, first, num = passes.device, int(begin[0]), int(begin[-1] - begin[0])
-    records = device.scratch("nearby_records", num * passes.dtypes["NearbySplat"].itemsize)
+    device, first, num = context.device, int(begin[0]), int(begin[-1] - begin[0])
+    records = device.scratch("nearby_records", num * context.dtypes["NearbySplat"].itemsize)
     values = device.scratch("nearby_values", num * VALUES * 8)
-    passes.run(
+    context.run(
         "nearby_records", (-(-num // ENTRIES_PER_ITEM),), view, listed, bounds, first, num, records, values, **OPTIONS,
     )  # fmt: skip
     return NearbySplats(
-        records, values, bounds, num, passes.constant(begin), first_tile, first_tile + len(begin) - 1, first
+        records, values, bounds, num, context.constant(begin), first_tile, first_tile + len(begin) - 1, first
     )
+
+
+def double_context(session: Session, camera: Camera, settings: RenderSettings) -> PassContext:
+    """Return the context of the kernels of margins and envelopes."""
+    return PassContext(session.device, camera, settings, TILE, "double")
+
+
+def draws_discs(uploaded: UploadedSplats, settings: RenderSettings) -> bool:
+    """Whether the splats are discs that rays meet, whole: what the kernels know."""
+    return settings.footprint == "raycast" and uploaded.splats.clip is None
+
+
+def has_strict_double(session: Session) -> bool:
+    """Whether the session's device computes in double precision as the kernels' profile asks."""
+    if not session.supports_double:
+        return False
+    strictness = session.device.strictness
+    try:
+        strictness.options("double")
+    except DeviceError:
+        return False
+    return not strictness.reason("double")
+
+
+def world_splats(session: Session, uploaded: UploadedSplats) -> Any:
+    """Return the resident's splats in double precision, uploaded once."""
+    return uploaded.on(session.device, "nearby", lambda: upload(session.device, uploaded.splats))

@@ -7,29 +7,23 @@ the running sums end at the frame's weight, count, Z and particleid, bit for bit
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl import oracle
-from splatcl.scene.camera import Camera
-from splatcl.errors import SplatclError
-from splatcl.frame import Frame
-from splatcl.evidence.probe import ACCEPTED, CUT, EDGE_ON, EXISTS, HIT, MISSED, OUT, REACH, UNSEEN, at_pixel
-from splatcl.opencl.session import UploadedSplats
-from splatcl.scene.settings import RenderSettings
+from splatcl.evidence.host.pairs import MAX_MARGIN
 from splatcl.util.table import html_table, text_table
-from splatcl.evidence.host.pairs import MAX_MARGIN, Pairs, decisions, fragments
 
 Array = NDArray[Any]
 Triple = tuple[float, float, float]
 BEHIND = "behind depth + epsilon"
 EDGE_ON_SPLAT = "edge-on"
 CLIPPED = "cut off by a clip line"
+REACH = 1.25
+"""A splat is nearly at a pixel if its disc or its pre-filter's, this many times as large, covers the pixel."""
 FILTER, FOOTPRINT = "pre-filter", "footprint, beside the disc"
 
 
@@ -143,87 +137,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_finite(inner) for inner in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
-def probe(frame: Frame, x: int, y: int) -> Probe:
-    """Explain the pixel in column `x` and row `y`; see `Frame.probe`."""
-    renderer, splats = frame.origin("probe")
-    if not (0 <= x < frame.width and 0 <= y < frame.height):
-        raise SplatclError(
-            f"pixel ({x}, {y}) is outside the image: x is 0 to {frame.width - 1}, y is 0 to {frame.height - 1}"
-        )
-    resident = renderer.resident(splats)
-    found = renderer.call(at_pixel, resident, frame.camera, frame.settings, (x, y))
-    rows = sorted(
-        [*_seen_rows(found.seen, frame.settings), *_unseen_rows(found.unseen, found.seen)], key=lambda row: row.splat
-    )
-    margins = _margins(resident, [row.splat for row in rows], frame.camera, frame.settings, x, y)
-    return Probe(
-        x,
-        y,
-        tuple(replace(row, margin=margin) for row, margin in zip(rows, margins, strict=True)),
-        found.depth,
-        found.particleid,
-        resident.epsilon(frame.settings),
-        weight=frame["weight"][y, x].item(),
-        count=frame["count"][y, x].item(),
-        albedo=tuple((frame["albedo"] if "albedo" in frame else frame.color[..., :3])[y, x].tolist()),
-        normal=tuple(frame["N"][y, x].tolist()),
-        color=tuple(frame.color[y, x].tolist()),
-        margin=min(margins, default=MAX_MARGIN),
-    )
-
-
-def _seen_rows(seen: Array, settings: RenderSettings) -> Iterator[ProbeRow]:
-    for raw in seen:
-        state = int(raw["state"])
-        if state & ACCEPTED:
-            verdict = "disc" if state & HIT else FILTER
-            if settings.footprint != "raycast" and settings.prefilter == "none":
-                verdict = FOOTPRINT if verdict == FILTER else verdict
-        elif state & EXISTS:
-            verdict = BEHIND
-        else:
-            verdict = (
-                EDGE_ON_SPLAT if state & EDGE_ON else UNSEEN if state & OUT else CLIPPED if state & CUT else MISSED
-            )
-        yield _row(raw, verdict, _sums(raw))
-
-
-def _unseen_rows(unseen: dict[str, Array], seen: Array) -> Iterator[ProbeRow]:
-    """Yield rows of splats that the passes never saw: the sums stay as they are."""
-    for reason, rows in unseen.items():
-        for raw in rows:
-            before = np.searchsorted(seen["id"], raw["id"])
-            sums = _sums(seen[before - 1]) if before else Sums(0.0, (0.0,) * 3, (0.0,) * 3, 0)
-            verdict = EDGE_ON_SPLAT if raw["state"] & EDGE_ON and reason == MISSED else reason
-            yield replace(_row(raw, verdict, sums), weight=0.0)
-
-
-def _sums(raw: Any) -> Sums:
-    color = (raw["red"].item(), raw["green"].item(), raw["blue"].item())
-    normal = (raw["normal_x"].item(), raw["normal_y"].item(), raw["normal_z"].item())
-    return Sums(raw["weight_sum"].item(), color, normal, raw["count"].item())
-
-
-def _row(raw: Any, verdict: str, sums: Sums) -> ProbeRow:
-    u, v, r2, r3, z, weight = (raw[name].item() for name in ("u", "v", "r2", "r3", "z", "weight"))
-    if raw["state"] & EDGE_ON:
-        u, v, r3 = math.nan, math.nan, math.inf
-    return ProbeRow(raw["id"].item(), u, v, r2, r3, z, weight, verdict, MAX_MARGIN, sums)
-
-
-def _margins(
-    resident: UploadedSplats, ids: list[int], camera: Camera, settings: RenderSettings, x: int, y: int
-) -> list[float]:
-    """Return the oracle's margin of each splat's decisions at the pixel, beside the other splats listed."""
-    num = len(ids)
-    if not num:
-        return []
-    settings = replace(settings, circular=False)  # the resident's splats are circles already
-    projected = oracle.project(resident.splats.take(ids), camera, settings)
-    ray = ((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, 1.0)
-    one = np.zeros(1, np.int64)
-    pairs = Pairs(one, one, np.arange(num), np.zeros(num, np.int64), np.tile(ray, (num, 1)))
-    units, _ = decisions(pairs, fragments(pairs, projected, camera, settings, resident.epsilon(settings)))
-    return np.minimum(units, MAX_MARGIN).tolist()

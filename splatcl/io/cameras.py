@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.scene.camera import Camera
 from splatcl.errors import CameraError, FileError
+from splatcl.scene.camera import Camera
 from splatcl.util.atomic import atomic_path
 
 REQUIRED = ("width", "height", "fx", "fy", "cx", "cy", "axes")

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.prepare.points import REASONS as POINT_REASONS
-from splatcl.prepare.points import estimate_spacing, invalid_points
 from splatcl.io.read import load_model
 from splatcl.io.readers.model import Model
 from splatcl.prepare.meshes import REASONS as TRIANGLE_REASONS
 from splatcl.prepare.meshes import invalid_triangles
+from splatcl.prepare.points import REASONS as POINT_REASONS
+from splatcl.prepare.points import estimate_spacing, invalid_points
 from splatcl.scene.splats import MAX_MAGNITUDE, invalid_splats
 from splatcl.scene.splats import REASONS as SPLAT_REASONS
 

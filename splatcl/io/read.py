@@ -21,8 +21,8 @@ READERS = {
     ".pwn": "text.read_text", ".pts": "text.read_text", ".txt": "text.read_text",
     ".asc": "text.read_text", ".csv": "text.read_text",
     ".ptx": "text.read_ptx", ".pcd": "pcd.read_pcd", ".las": "las.read_las", ".laz": "las.read_las",
-    ".obj": "obj.read_obj", ".off": "off.read_off", ".coff": "off.read_off", ".stl": "mesh.read_stl",
-    ".glb": "mesh.read_glb",
+    ".obj": "obj.read_obj", ".off": "off.read_off", ".coff": "off.read_off", ".stl": "stl_glb.read_stl",
+    ".glb": "stl_glb.read_glb",
 }  # fmt: skip
 MAGIC = {b"ply\n": ".ply", b"ply\r": ".ply", b"LASF": ".las", b"glTF": ".glb", b"PK\x03\x04": ".npz"}
 Z_UP = (".las", ".laz", ".ptx")
@@ -71,7 +71,7 @@ def up_axis(path: str | os.PathLike[str]) -> Literal["y", "-y", "z"]:
     with suppress(OSError), path.open("rb") as stream:
         suffix = _kind(path, stream.read(16))
     if suffix == ".ply" and path.is_file():
-        from splatcl.io import gaussians, native, ply
+        from splatcl.io.readers import gaussians, native, ply
 
         names = ply.property_names(path)
         return "-y" if names >= gaussians.COLUMNS and not names >= native.COLUMNS else "y"
@@ -140,7 +140,7 @@ def load_model(path: str | os.PathLike[str]) -> Model:
             known = " ".join(sorted(name.lstrip(".") for name in READERS))
             raise FileError(f"{path}: unknown file type {suffix or 'without an extension'}; known are {known}")
         module, function = READERS[suffix].split(".")
-        reader: Callable[[Path], Model] = getattr(importlib.import_module(f"splatcl.io.{module}"), function)
+        reader: Callable[[Path], Model] = getattr(importlib.import_module(f"splatcl.io.readers.{module}"), function)
         return reader(path)
     except OSError as error:
         raise FileError(f"{path}: {error.strerror or error}") from error

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.opencl.passes import bin as pipeline
-from splatcl.opencl.device.devices import forked
 from splatcl.errors import DeviceError
-from splatcl.opencl.state.context import PassContext
+from splatcl.opencl.device.devices import forked
+from splatcl.opencl.passes.shade import resolve
 from splatcl.opencl.state.buffers import DepthBuffer, GBuffer
+from splatcl.opencl.state.context import PassContext
 from splatcl.scene.splats import PREFIX
 
 
@@ -21,16 +21,16 @@ class DeviceAovs(Mapping[str, NDArray[Any]]):
 
     def __init__(
         self,
-        passes: PassContext,
+        context: PassContext,
         view: Any,
         depth: DepthBuffer,
         gbuffer: GBuffer,
         color: Any,
         channels: Mapping[str, tuple[Any, int]] | None = None,
     ) -> None:
-        self._passes = passes
+        self._context = context
         self._channels = {PREFIX + name: place for name, place in (channels or {}).items()}
-        self._resolve: Callable[[], dict[str, Any]] = lambda: pipeline.resolve(passes, view, depth, gbuffer)
+        self._resolve: Callable[[], dict[str, Any]] = lambda: resolve(context, view, depth, gbuffer)
         self._buffers: dict[str, tuple[Any, int, str]] = {
             "color": (color, 4, ""),
             "Z": (depth.depth, 1, ""),
@@ -44,7 +44,7 @@ class DeviceAovs(Mapping[str, NDArray[Any]]):
             "particleid": (depth.particleid, 1, "u4"),
             **{name: (image, 3, "") for name, (image, _) in self._channels.items()},
         }
-        if passes.settings.shading != "deferred":
+        if context.settings.shading != "deferred":
             del self._buffers["albedo"]  # what was blended is lit
         self._arrays: dict[str, NDArray[Any]] = {}
 
@@ -52,7 +52,7 @@ class DeviceAovs(Mapping[str, NDArray[Any]]):
         if name not in self._arrays and forked():
             raise DeviceError(f"read the frame's {name} before forking: a forked process cannot reach its device")
         if name not in self._arrays:
-            with self._passes.device.lock:
+            with self._context.device.lock:
                 self._arrays[name] = self._read(name)
         return self._arrays[name]
 
@@ -63,9 +63,9 @@ class DeviceAovs(Mapping[str, NDArray[Any]]):
                     continue
                 self._buffers[resolved] = (buffer, *self._buffers[resolved][1:])
         buffer, channels, dtype = self._buffers[name]
-        camera = self._passes.camera
+        camera = self._context.camera
         shape: tuple[int, ...] = (camera.height, camera.width) + ((channels,) if channels > 1 else ())
-        array = self._passes.device.read(buffer, shape, dtype or self._passes.real)
+        array = self._context.device.read(buffer, shape, dtype or self._context.real)
         return np.ascontiguousarray(array[..., self._channels[name][1]]) if name in self._channels else array
 
     def __iter__(self) -> Iterator[str]:
@@ -73,3 +73,7 @@ class DeviceAovs(Mapping[str, NDArray[Any]]):
 
     def __len__(self) -> int:
         return len(self._buffers)
+
+    def __reduce__(self) -> tuple[type[dict[str, Any]], tuple[dict[str, NDArray[Any]]]]:
+        """Pickle as plain arrays, which another process can read."""
+        return dict, ({name: self[name] for name in self},)

@@ -18,7 +18,7 @@ Render = Callable[[Camera, tuple[int, int]], Aovs]
 
 MIN_SAMPLES = 1 << 16
 """Samples that a window may have however small the image is, that not too many are drawn."""
-NEIGHBOURS: dict[Shader, int] = {"npr": 1, "user": 8}
+NEIGHBORS: dict[Shader, int] = {"npr": 1, "user": 8}
 """How many samples beyond its own each way a shader may look at; none where it is not named."""
 
 

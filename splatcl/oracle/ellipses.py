@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcl.scene.camera import Camera
 from splatcl.oracle.discs import _Discs
 from splatcl.oracle.maps import _Maps, _maps
 from splatcl.oracle.project import ProjectedSplats
 from splatcl.oracle.rays import EDGE_ON, UNIT, Array, _cosine, _raster
+from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 
 

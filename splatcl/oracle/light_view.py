@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatcl.scene.camera import Camera
-from splatcl.scene.lights import Light
 from splatcl.oracle.project import project
 from splatcl.oracle.raster import visibility
 from splatcl.oracle.rays import Array, _normalize
 from splatcl.oracle.shadow import ShadowMap, Shadows
+from splatcl.scene.camera import Camera
+from splatcl.scene.lights import Light
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatcl.oracle.rays import Array, _normalize
 from splatcl.scene.camera import Camera
 from splatcl.scene.lights import Light
-from splatcl.oracle.rays import Array, _normalize
 from splatcl.scene.settings import RenderSettings
 
 SIZE = 129

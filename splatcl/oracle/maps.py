@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from splatcl.scene.camera import Camera
 from splatcl.oracle.rays import CLEAR, NOTHING, TINY, UNIT, Array, _range_margin, _raster
+from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 
 

@@ -6,9 +6,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcl.scene.camera import Camera
 from splatcl.oracle.maps import _maps
-from splatcl.oracle.rays import CLEAR, EDGE_ON, NOTHING, OFFSET_ERROR, TINY, UNIT, Array, _cosine, _normalize, _range_margin, _raster, _s_center
+from splatcl.oracle.rays import (
+    CLEAR,
+    EDGE_ON,
+    NOTHING,
+    OFFSET_ERROR,
+    TINY,
+    UNIT,
+    Array,
+    _cosine,
+    _normalize,
+    _range_margin,
+    _raster,
+    _s_center,
+)
+from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
 

@@ -6,12 +6,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatcl.scene.camera import Camera
 from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect
 from splatcl.oracle.ellipses import _Cover, _Ellipses, _ellipses, _within
 from splatcl.oracle.project import ProjectedSplats
-from splatcl.oracle.rays import NO_SPLAT, OFFSET_ERROR, TINY, UNIT, Array, _chunks, _image, _normalize, _raster, _ray_length
+from splatcl.oracle.rays import (
+    NO_SPLAT,
+    OFFSET_ERROR,
+    TINY,
+    UNIT,
+    Array,
+    _chunks,
+    _image,
+    _normalize,
+    _raster,
+    _ray_length,
+)
 from splatcl.oracle.shade import shade_points
+from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 
 

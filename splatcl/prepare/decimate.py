@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.prepare.voronoi import principal, tangent_frame
 from splatcl.errors import SettingsError
 from splatcl.prepare.normal_fields import fit_normal_fields
 from splatcl.prepare.patches import Patches, Surface, cover, grow
+from splatcl.prepare.voronoi import principal, tangent_frame
 from splatcl.scene.splats import Splats
 
 ANGLE = 30.0

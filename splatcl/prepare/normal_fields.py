@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splatcl.prepare.voronoi import MIN_FLATNESS
 from splatcl.errors import InvalidSplatsError
 from splatcl.prepare.points import REASONS, invalid_points
-from splatcl.util.progress import stage
+from splatcl.prepare.voronoi import MIN_FLATNESS
 from splatcl.scene.splats import Splats
+from splatcl.util.progress import stage
 
 NUM_NEIGHBORS = 12
 """Nearest neighbours that a field is estimated from: about two rings."""

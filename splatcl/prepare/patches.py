@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.prepare.voronoi import principal, tangent_frame
 from splatcl.prepare.normal_fields import fit_slopes
+from splatcl.prepare.voronoi import principal, tangent_frame
 from splatcl.util.progress import stage
 
 MAX_ASPECT = 4.0

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splatcl.prepare.voronoi import covering_ellipse, tangent_frame
 from splatcl.errors import InvalidSplatsError
+from splatcl.prepare.voronoi import covering_ellipse, tangent_frame
 from splatcl.scene.splats import MAX_MAGNITUDE, OnInvalid, Splats
 
 NUM_NEIGHBORS = 20

@@ -244,3 +244,8 @@ def vector(name: str, value: ArrayLike, error: type[SplatclError] = CameraError)
     if array.shape != (3,) or not np.isfinite(array).all():
         raise error(f"{name} {value!r} is not three finite numbers")
     return array
+
+
+def rotated(rotation: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the product by single operations: the one of a BLAS has other bits on other CPUs."""
+    return (rotation[:, 0] * vector[0] + rotation[:, 1] * vector[1]) + rotation[:, 2] * vector[2]

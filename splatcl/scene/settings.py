@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from splatcl.errors import SettingsError
@@ -273,3 +273,8 @@ def _whole(name: str, value: Any, low: int, high: int) -> int:
     if number != int(number):
         raise SettingsError(f"{name} {number} is not a whole number")
     return int(number)
+
+
+def effective_settings(settings: RenderSettings, oriented: bool) -> RenderSettings:
+    """Return the settings for splats whose normals may have no sign: they are turned toward the eye, none is culled."""
+    return settings if oriented else replace(settings, facing="flip")

@@ -17,10 +17,10 @@ from splatcl.apps.bench.measure import render_and_wait
 from splatcl.apps.sample_scenes import fibonacci_sphere, frame_camera
 from splatcl.apps.timing import Spread, seconds_of, turn_by_turn
 from splatcl.errors import SplatclError
-from splatcl.util.progress import Advance, stage
 from splatcl.opencl.session import UploadedSplats
 from splatcl.renderer import Renderer
 from splatcl.scene.settings import Facing
+from splatcl.util.progress import Advance, stage
 
 BACKEND = Path(__file__).parents[2] / "examples" / "backend_gl" / "backend.py"
 """Only in a checkout."""
@@ -100,26 +100,26 @@ def compare(renderer: Renderer, backend_class: Any, sizes: Sequence[int], frames
     """
     for size in sizes:
         with stage(f"Comparing at {size_name(size)} splats", total=3 * len(FACINGS) * frames) as advance:
-            resident = renderer.upload(fibonacci_sphere(size))
-            backends = [backend_class(resident.splats, sort=sort) for sort in (False, True)]
+            uploaded = renderer.upload(fibonacci_sphere(size))
+            backends = [backend_class(uploaded.splats, sort=sort) for sort in (False, True)]
             for facing in FACINGS:
-                yield _compare(renderer, backends, resident, facing, frames, advance)
+                yield _compare(renderer, backends, uploaded, facing, frames, advance)
 
 
 def _compare(
-    renderer: Renderer, backends: Sequence[Any], resident: UploadedSplats, facing: Facing, frames: int, advance: Advance
+    renderer: Renderer, backends: Sequence[Any], uploaded: UploadedSplats, facing: Facing, frames: int, advance: Advance
 ) -> Comparison:
-    camera, settings = frame_camera(resident.splats, SIZE, SIZE), replace(BASE, facing=facing)
-    ours = renderer.render(resident, camera, settings).color
+    camera, settings = frame_camera(uploaded.splats, SIZE, SIZE), replace(BASE, facing=facing)
+    ours = renderer.render(uploaded, camera, settings).color
     for backend in backends:
         backend.draw(camera, settings)
     theirs = backends[0].read()["color"]
     both = (ours[..., 3] > 0) & (theirs[..., 3] > 0)
     difference = float(np.abs(ours[both][:, :3] - theirs[both][:, :3]).sum() / max(3 * np.count_nonzero(both), 1))
     differs = float(np.mean((ours[..., 3] > 0) != (theirs[..., 3] > 0)))
-    frame_of = [partial(render_and_wait, renderer, resident, camera, settings)]
+    frame_of = [partial(render_and_wait, renderer, uploaded, camera, settings)]
     frame_of += [partial(backend.draw, camera, settings) for backend in backends]
     jobs = [lambda work=work: {"frame": seconds_of(work)} for work in frame_of]
     our_time, their_time, sorted_time = (one["frame"] for one in turn_by_turn(jobs, frames, SECONDS, advance))
     name = backends[0].renderer_name
-    return Comparison(len(resident.splats), facing, name, our_time, their_time, sorted_time, difference, differs)
+    return Comparison(len(uploaded.splats), facing, name, our_time, their_time, sorted_time, difference, differs)

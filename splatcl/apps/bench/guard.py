@@ -24,9 +24,9 @@ from splatcl.apps.bench.roofline import SMALL_BYTES, Roofline
 from splatcl.apps.sample_scenes import fibonacci_sphere, frame_camera
 from splatcl.apps.timing import Seconds, Spread, seconds_of, turn_by_turn
 from splatcl.errors import FileError, SplatclError
-from splatcl.util.progress import stage
 from splatcl.opencl.session import UploadedSplats
 from splatcl.renderer import Renderer
+from splatcl.util.progress import stage
 from splatcl.util.table import text_table
 
 BOUND = 1.5
@@ -43,11 +43,11 @@ def measure_ratios(renderer: Renderer, sizes: Sequence[int] = SIZES, rounds: int
     calibration = Roofline(renderer.device, SMALL_BYTES)
     jobs: list[Callable[[], Seconds]] = [lambda: {"arithmetic": calibration.arithmetic()}]
     scenes, residents = [], [renderer.upload(fibonacci_sphere(size)) for size in sizes]
-    for resident in residents:
+    for uploaded in residents:
         for settings in (BASE, replace(BASE, facing="keep")):
-            row = Row(len(resident.splats), settings)
+            row = Row(len(uploaded.splats), settings)
             scenes.append(f"{size_name(row.num_splats)} {row.label}")
-            jobs.append(Job(renderer, resident, row).times)
+            jobs.append(Job(renderer, uploaded, row).times)
     jobs += _llvmpipe_jobs(residents[0])
     with stage("Timing", total=rounds * len(jobs)) as advance:
         unit, *times = turn_by_turn(jobs, rounds, MAX_SECONDS, advance)
@@ -61,13 +61,13 @@ def measure_ratios(renderer: Renderer, sizes: Sequence[int] = SIZES, rounds: int
     return ratios
 
 
-def _llvmpipe_jobs(resident: UploadedSplats) -> Iterator[Callable[[], Seconds]]:
+def _llvmpipe_jobs(uploaded: UploadedSplats) -> Iterator[Callable[[], Seconds]]:
     try:
-        backend = against.load_backend(against.BACKEND)(resident.splats, sort=False)
+        backend = against.load_backend(against.BACKEND)(uploaded.splats, sort=False)
     except SplatclError as error:
         print(f"llvmpipe is left out: {error}")
         return
-    camera = frame_camera(resident.splats, 512, 512)
+    camera = frame_camera(uploaded.splats, 512, 512)
     backend.draw(camera, BASE)
     yield lambda: {"llvmpipe": seconds_of(lambda: backend.draw(camera, BASE))}
 

@@ -8,10 +8,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from splatcl.opencl.device.queue import DeviceQueue
+from splatcl.opencl.device.strictness import Device
 
 
-def facts(device: DeviceQueue) -> dict[str, Any]:
+def facts(device: Device) -> dict[str, Any]:
     """Return the machine, the OpenCL device and the versions, as JSON has it."""
     info = device.info
     return {

@@ -15,14 +15,13 @@ from splatcl.apps.bench.matrix import Row, size_name
 from splatcl.apps.bench.passes import Counts, FramePasses
 from splatcl.apps.sample_scenes import fibonacci_sphere, frame_camera, resampled, shuffled, with_field
 from splatcl.apps.timing import Spread, seconds_of, turn_by_turn
-from splatcl.scene.camera import Camera
 from splatcl.errors import DeviceError
-from splatcl.scene.settings import effective_settings
-from splatcl.util.progress import stage
 from splatcl.opencl.session import UploadedSplats
 from splatcl.renderer import Renderer
-from splatcl.scene.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings, effective_settings
 from splatcl.scene.splats import Splats
+from splatcl.util.progress import stage
 
 MAX_FRAME_SECONDS = 30.0
 """A configuration whose frame takes longer is skipped."""
@@ -107,7 +106,7 @@ class Scenes:
     def __init__(self, renderer: Renderer, num_splats: int, scan: Splats | None) -> None:
         self._renderer, self._num_splats, self._scan = renderer, num_splats, scan
 
-    def resident(self, row: Row) -> UploadedSplats:
+    def uploaded(self, row: Row) -> UploadedSplats:
         """Return the uploaded splats of a row."""
         if row.model == "scan":
             return self._resampled
@@ -136,11 +135,11 @@ class Scenes:
 class Job:
     """One configuration, ready to be timed: everything uploaded, kernels warm, counts known."""
 
-    def __init__(self, renderer: Renderer, resident: UploadedSplats, row: Row) -> None:
-        self.row, self._renderer, self._resident = row, renderer, resident
-        self._camera = frame_camera(resident.splats, row.width, row.height)
-        self._passes = FramePasses(renderer, resident, self._camera, row.settings)
-        self.fragments = count_fragments(renderer, resident, self._camera, row.settings)
+    def __init__(self, renderer: Renderer, uploaded: UploadedSplats, row: Row) -> None:
+        self.row, self._renderer, self._resident = row, renderer, uploaded
+        self._camera = frame_camera(uploaded.splats, row.width, row.height)
+        self._passes = FramePasses(renderer, uploaded, self._camera, row.settings)
+        self.fragments = count_fragments(renderer, uploaded, self._camera, row.settings)
         self.counts = self._passes.counts()
 
     def frame(self) -> None:
@@ -158,17 +157,19 @@ class Job:
         return Result(self.row, facing, self.counts, self.fragments, frame, times)
 
 
-def render_and_wait(renderer: Renderer, resident: UploadedSplats, camera: Camera, settings: RenderSettings) -> None:
+def render_and_wait(renderer: Renderer, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings) -> None:
     """Render one frame on the device and wait for it; nothing is read back."""
-    renderer.render(resident, camera, settings)
+    renderer.render(uploaded, camera, settings)
     renderer.device.queue.finish()
 
 
-def count_fragments(renderer: Renderer, resident: UploadedSplats, camera: Camera, settings: RenderSettings) -> Fragments:
+def count_fragments(
+    renderer: Renderer, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings
+) -> Fragments:
     """Count the fragments of a frame by rendering variants of it."""
 
     def count(**changes: Any) -> Drawn:
-        counts = renderer.render(resident, camera, replace(settings, **changes))["count"]
+        counts = renderer.render(uploaded, camera, replace(settings, **changes))["count"]
         return Drawn(int(counts.sum(dtype=np.int64)), int(np.count_nonzero(counts)))
 
     without, filtered = count(prefilter="none"), count(prefilter="min")
@@ -219,7 +220,7 @@ def _prepared(renderer: Renderer, scenes: Scenes, rows: Sequence[Row], has_scan:
             yield Skipped(row, f"needs about {row.num_bytes / 2**30:.1f} GiB of memory; {free / 2**30:.1f} are free")
             continue
         try:
-            job = Job(renderer, scenes.resident(row), row)
+            job = Job(renderer, scenes.uploaded(row), row)
         except (DeviceError, MemoryError, cl.Error) as error:
             yield Skipped(row, str(error) or "out of memory")
             continue

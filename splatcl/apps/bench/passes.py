@@ -11,13 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.opencl.passes import bin as pipeline
-from splatcl.scene.camera import Camera
-from splatcl.opencl.state.context import BEHIND, PassContext
-from splatcl.opencl.state.buffers import DepthBuffer, ProjectedSplats, TileLists
+from splatcl.opencl.passes.attributes import attributes
+from splatcl.opencl.passes.bin import bin
+from splatcl.opencl.passes.occlusion import occlusion
+from splatcl.opencl.passes.project import project
+from splatcl.opencl.passes.shade import shade
+from splatcl.opencl.passes.visibility import visibility
 from splatcl.opencl.session import UploadedSplats
+from splatcl.opencl.state.buffers import Band, DepthBuffer, ProjectedSplats, TileLists
+from splatcl.opencl.state.context import BEHIND, PassContext, frame_buffers
 from splatcl.renderer import Renderer
-from splatcl.scene.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings, effective_settings
 
 PASSES = ("bin", "project", "visibility", "attributes", "shade")
 BLOCKS = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
@@ -52,57 +57,57 @@ class Counts:
 class FramePasses:
     """The passes of one frame, run one by one. For splats that `renderer` has uploaded."""
 
-    def __init__(self, renderer: Renderer, resident: UploadedSplats, camera: Camera, settings: RenderSettings) -> None:
-        resident = resident.prepared(settings)
-        settings = pipeline.effective_settings(settings, resident.splats.oriented)
-        self._passes, self._splats = renderer.prepare(resident, camera, settings)
-        self._epsilon = resident.epsilon(settings)
-        self._view = self._passes.view(self._splats.origin)
+    def __init__(self, renderer: Renderer, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings) -> None:
+        uploaded = uploaded.prepared(settings)
+        settings = effective_settings(settings, uploaded.splats.oriented)
+        self._context, self._splats = renderer.prepare(uploaded, camera, settings)
+        self._epsilon = uploaded.epsilon(settings)
+        self._view = self._context.view(self._splats.origin)
 
     def run(self, tally: Tally | None = None) -> dict[str, float]:
         """Run a frame and return each pass' seconds; wait for the device between passes.
 
         `tally`, if any, sees what is drawn; its time does not count.
         """
-        passes, view, seconds = self._passes, self._view, dict.fromkeys(PASSES, 0.0)
+        context, view, seconds = self._context, self._view, dict.fromkeys(PASSES, 0.0)
 
         def timed(name: str, function: Callable[..., Any], *args: Any) -> Any:
             start = time.perf_counter()
             result = function(*args)
-            passes.device.queue.finish()
+            context.device.queue.finish()
             seconds[name] += time.perf_counter() - start
             return result
 
-        depth, gbuffer = pipeline.frame_buffers(passes)
-        bands = pipeline.bin(passes, view, self._splats)
+        depth, gbuffer = frame_buffers(context)
+        bands = bin(context, view, self._splats)
         while (lists := timed("bin", next, bands, None)) is not None:
-            for layer in passes.layers:
+            for layer in context.layers:
                 if layer == BEHIND:
-                    timed("project", pipeline.hide, passes, lists, depth, self._epsilon)
-                projected = timed("project", pipeline.project, passes, view, self._splats, lists, layer)
-                timed("visibility", pipeline.visibility, passes, lists, projected, depth, layer)
+                    timed("project", occlusion, context, lists, depth, self._epsilon)
+                projected = timed("project", project, context, view, self._splats, lists, layer)
+                timed("visibility", visibility, context, lists, projected, depth, layer)
                 if tally:
                     tally.add_discs(lists, projected)
-            timed("attributes", pipeline.attributes, passes, view, lists, projected, depth, self._epsilon, gbuffer)
+            timed("attributes", attributes, context, Band(view, lists, projected, depth, self._epsilon), gbuffer)
             if tally:
                 tally.add_near(lists, projected, depth)
-        timed("shade", pipeline.shade, passes, view, depth, gbuffer, self._epsilon)
+        timed("shade", shade, context, view, depth, gbuffer, self._epsilon)
         return seconds
 
     def counts(self) -> Counts:
         """Run a frame and count; slow."""
-        passes, dtypes, real = self._passes, self._passes.dtypes, self._passes.real.itemsize
-        tally = Tally(passes, self._splats.num_splats, self._epsilon)
+        context, dtypes, real = self._context, self._context.dtypes, self._context.real.itemsize
+        tally = Tally(context, self._splats.num_splats, self._epsilon)
         self.run(tally)
         low_words = 0 if self._splats.center_low is None else 3
         return Counts(
             num_splats=self._splats.num_splats,
             num_listed=int(np.count_nonzero(tally.listed)),
             **tally.totals,
-            num_pixels=passes.num_pixels,
+            num_pixels=context.num_pixels,
             plane_bytes=9 * real,
             touched_bytes=dtypes["TouchedQuarters"].itemsize,
-            entry_bytes=4 * len(passes.layers),  # the id; and the clue where there are layers
+            entry_bytes=4 * len(context.layers),  # the id; and the clue where there are layers
             splat_bytes=dtypes["Splat"].itemsize + low_words * real,
             record_bytes=dtypes["ProjectedSplat"].itemsize,
             attribute_bytes=dtypes["SplatAttributes"].itemsize,
@@ -113,18 +118,18 @@ class FramePasses:
 class Tally:
     """Counts over the bands of one frame, as if each work-item took a whole tile and epsilon were along z."""
 
-    def __init__(self, passes: PassContext, num_splats: int, epsilon: float) -> None:
+    def __init__(self, context: PassContext, num_splats: int, epsilon: float) -> None:
         names = ("num_entries", "num_projected", "num_discs", "num_near", "visibility_lanes", "attribute_lanes")
         self.totals = Counter(dict.fromkeys(names, 0))
         self.listed = np.zeros(num_splats, bool)
-        self._passes, self._epsilon = passes, epsilon
+        self._context, self._epsilon = context, epsilon
 
     def add_discs(self, lists: TileLists, projected: ProjectedSplats) -> None:
         """Count the discs of a band's layer."""
         if not lists.begin[-1]:
             return
         has_disc = self._read(projected.disc_near_z, lists) < np.inf  # not if it is NaN
-        records = self._read(projected.records, lists, self._passes.dtypes["ProjectedSplat"])
+        records = self._read(projected.records, lists, self._context.dtypes["ProjectedSplat"])
         boxes = np.stack([records[name] for name in BOX], axis=1)
         self.totals.update(
             num_discs=int(np.count_nonzero(has_disc)), visibility_lanes=self._lanes(boxes, lists, has_disc)
@@ -146,26 +151,26 @@ class Tally:
         )
 
     def _lanes(self, boxes: NDArray[Any], lists: TileLists, taken: NDArray[Any]) -> int:
-        passes = self._passes
-        return lanes_of(boxes[taken], _tiles(lists)[taken], passes.tiles_x, passes.tile_size, passes.lanes)
+        context = self._context
+        return lanes_of(boxes[taken], _tiles(lists)[taken], context.tiles_x, context.tile_size, context.lanes)
 
     def _read(self, buffer: Any, lists: TileLists, dtype: np.dtype[Any] | None = None) -> NDArray[Any]:
-        return self._passes.device.read(buffer, (int(lists.begin[-1]),), dtype or self._passes.real)
+        return self._context.device.read(buffer, (int(lists.begin[-1]),), dtype or self._context.real)
 
     def _ids(self, lists: TileLists) -> NDArray[np.int32]:
         import pyopencl as cl
 
         ids = np.empty(lists.begin[-1], np.int32)
-        cl.enqueue_copy(self._passes.device.queue, ids, lists.ids, src_offset=lists.start * ids.itemsize)
+        cl.enqueue_copy(self._context.device.queue, ids, lists.ids, src_offset=lists.start * ids.itemsize)
         return ids
 
     def _farthest(self, depth: DepthBuffer) -> NDArray[Any]:
         """(T,) the farthest that is accepted anywhere in each tile."""
-        passes, size = self._passes, self._passes.tile_size
-        image = passes.device.read(depth.depth, (passes.camera.height, passes.camera.width), passes.real)
+        context, size = self._context, self._context.tile_size
+        image = context.device.read(depth.depth, (context.camera.height, context.camera.width), context.real)
         image = np.pad(image, [(0, -side % size) for side in image.shape], constant_values=-np.inf)
-        tiles = image.reshape(-1, size, passes.tiles_x, size)
-        return (tiles.max(axis=(1, 3)) + passes.real.type(self._epsilon)).ravel()
+        tiles = image.reshape(-1, size, context.tiles_x, size)
+        return (tiles.max(axis=(1, 3)) + context.real.type(self._epsilon)).ravel()
 
 
 def _tiles(lists: TileLists) -> NDArray[np.int64]:

@@ -13,8 +13,8 @@ from splatcl.apps.bench.matrix import base_of, size_name
 from splatcl.apps.bench.measure import Result, Skipped
 from splatcl.apps.bench.passes import PASSES
 from splatcl.apps.bench.roofline import Limits
-from splatcl.apps.timing import Spread
 from splatcl.apps.bench.work import limits_of
+from splatcl.apps.timing import Spread
 from splatcl.util.atomic import atomic_path
 
 WIDTH = 156

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from splatcl.apps.timing import seconds_of
-from splatcl.opencl.device.queue import DeviceQueue
+from splatcl.opencl.device.strictness import Device
 from splatcl.opencl.device.structs import REAL
 from splatcl.scene.settings import Precision
 
@@ -40,14 +40,14 @@ class Roofline:
 
     Parameters
     ----------
-    device : DeviceQueue
+    device : Device
     num_bytes : int
         Size of each of the two buffers.
     precision : {"single", "double"}
         Of the arithmetic.
     """
 
-    def __init__(self, device: DeviceQueue, num_bytes: int = BUFFER_BYTES, precision: Precision = "single") -> None:
+    def __init__(self, device: Device, num_bytes: int = BUFFER_BYTES, precision: Precision = "single") -> None:
         real = np.dtype(REAL[precision])
         self._device, self._real = device, real
         self._lanes = device.lanes_of(real)
@@ -94,7 +94,7 @@ class Roofline:
         return seconds_of(work)
 
 
-def measure_limits(device: DeviceQueue, num_bytes: int = BUFFER_BYTES) -> Limits:
+def measure_limits(device: Device, num_bytes: int = BUFFER_BYTES) -> Limits:
     """Return the best of several measurements of each limit."""
     single = Roofline(device, num_bytes)
 

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from splatcl.errors import SettingsError
+from splatcl.apps.paper.experiment import Result, Run
 from splatcl.apps.paper.experiments.antialiasing import checkerboards, screen_filter
 from splatcl.apps.paper.experiments.comparison import comparison
-from splatcl.apps.paper.experiment import Result, Run
 from splatcl.apps.paper.experiments.filters import kernels
 from splatcl.apps.paper.experiments.overdraw import overdraw
 from splatcl.apps.paper.experiments.perspective import holes
 from splatcl.apps.paper.experiments.shaders import shaders
 from splatcl.apps.paper.experiments.sharp import sharp_features
 from splatcl.apps.paper.experiments.targets import half_inputs, targets
+from splatcl.errors import SettingsError
 
 Experiment = Callable[[Run], Result]
 EXPERIMENTS: dict[str, Experiment] = {

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from splatcl.scene.camera import Camera
 from splatcl.frame import Frame
 from splatcl.renderer import Renderer
+from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
 

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splatcl.apps.paper.experiment import Result
 from splatcl.errors import FileError
 from splatcl.frame import Frame
-from splatcl.util.atomic import atomic_path
 from splatcl.io.png import write_png
-from splatcl.apps.paper.experiment import Result
+from splatcl.util.atomic import atomic_path
 
 WIDTH = 120
 """Columns where the output is no terminal."""

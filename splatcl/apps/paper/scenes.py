@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl import io
-from splatcl.apps.sample_scenes import bundled_scan, fibonacci_sphere, with_field
-from splatcl.scene.camera import Camera
 from splatcl.apps.paper.metrics import box_filtered
+from splatcl.apps.sample_scenes import bundled_scan, fibonacci_sphere, with_field
+from splatcl.io.read import read
+from splatcl.scene.camera import Camera
 from splatcl.scene.splats import Splats
 
 Array = NDArray[Any]
@@ -27,7 +27,7 @@ NO_SCAN = "The bundled scan is in a checkout only: a sphere of as many splats st
 def scan() -> tuple[Splats, tuple[str, ...]]:
     """Return the bundled scan, and a note if it is not there."""
     path = bundled_scan()
-    return (fibonacci_sphere(30_571), (NO_SCAN,)) if path is None else (io.read(path), ())
+    return (fibonacci_sphere(30_571), (NO_SCAN,)) if path is None else (read(path), ())
 
 
 def painted(splats: Splats, color: Array) -> Splats:

@@ -122,11 +122,11 @@ def _against(renderer: Renderer, sizes: tuple[int, ...] | None, frames: int) -> 
 
 
 def _scan(model: Path | None) -> Splats | None:
-    from splatcl import io
     from splatcl.apps.sample_scenes import bundled_scan
+    from splatcl.io.read import read
 
     path = model or bundled_scan()
     if path is None:
         return None
     with stage(f"Reading {path.name}"):
-        return io.read(path)
+        return read(path)

@@ -21,8 +21,8 @@ def doctor(*, device: str | None = None, all: bool = False, json: bool = False) 
     """
     from json import dumps
 
-    from splatcl.opencl.device.devices import choose_device, list_devices
     from splatcl.evidence.doctor import examine
+    from splatcl.opencl.device.devices import choose_device, list_devices
 
     reports = []
     for info in list_devices() if all else [choose_device(device)]:

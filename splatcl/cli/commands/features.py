@@ -9,8 +9,8 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from splatcl.errors import FileError, InvalidSplatsError, SettingsError
-from splatcl.util.progress import stage
 from splatcl.scene.splats import OnInvalid
+from splatcl.util.progress import stage
 
 
 def features(
@@ -34,9 +34,9 @@ def features(
     on_invalid : str
         What to do with triangles that have non-finite numbers.
     """
-    from splatcl import io
     from splatcl.features import mesh_features
     from splatcl.io.read import load_model, mesh_splats
+    from splatcl.io.write import write
 
     if output.suffix.lower() not in (".ply", ".npz"):
         raise SettingsError(f"--output {output} must end in .ply or .npz")
@@ -50,5 +50,5 @@ def features(
             raise InvalidSplatsError(f"{mesh}: {error}") from None
     for note in splats.notes:
         print(f"note: {note}")
-    io.write(splats, output)
+    write(splats, output)
     print(f"wrote {output} ({len(splats)} splats)")

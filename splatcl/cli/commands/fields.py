@@ -10,8 +10,8 @@ from cyclopts import Parameter
 
 from splatcl.cli.options.view import read_splats
 from splatcl.io.write import check_output
-from splatcl.util.progress import stage
 from splatcl.scene.splats import OnInvalid, Splats
+from splatcl.util.progress import stage
 
 
 def fields(
@@ -50,11 +50,11 @@ def fields(
 
 def save_splats(splats: Splats, path: Path, said: int) -> None:
     """Say the notes of splats but the first `said`, write the splats and say so."""
-    from splatcl import io
+    from splatcl.io.write import write
 
     for note in splats.notes[said:]:
         print(f"note: {note}")
     start = time.perf_counter()
     with stage(f"Writing {path.name}"):
-        io.write(splats, path)
+        write(splats, path)
     print(f"wrote {path} ({path.stat().st_size / 1e6:.2f} MB) in {time.perf_counter() - start:.2f} s")

@@ -18,9 +18,9 @@ def info(file: Path, /) -> None:
     file : path
         PLY, text, mesh or other scan.
     """
-    from splatcl import io
+    from splatcl.io.inspect import inspect
 
-    summary = io.inspect(file)
+    summary = inspect(file)
     print(f"{summary.path}: {summary.format}")
     for name, value in facts(summary):
         print(f"{name:<11} {value}")

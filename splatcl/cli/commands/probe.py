@@ -9,9 +9,9 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from splatcl.cli.options.view import View, read_scan
-from splatcl.util.progress import stage
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import OnInvalid
+from splatcl.util.progress import stage
 
 
 def probe(

@@ -14,9 +14,9 @@ from splatcl.cli.options.light import with_lights
 from splatcl.cli.options.user_shader import with_user_shader
 from splatcl.cli.options.view import View, read_scan
 from splatcl.errors import CheckError, SettingsError
-from splatcl.util.progress import stage
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import OnInvalid
+from splatcl.util.progress import stage
 
 if TYPE_CHECKING:
     from splatcl.frame import Frame
@@ -153,8 +153,8 @@ def _check(frame: Frame) -> list[str]:
 def check_outputs(output: Path | None, png: Path | None, exposure: float) -> list[Path]:
     """Return the files to write, after making sure that they can be written."""
     from splatcl.frame import output_format
-    from splatcl.util.atomic import check_writable
     from splatcl.io.png import check_exposure
+    from splatcl.util.atomic import check_writable
 
     outputs = [path for path in (output, png) if path is not None]
     if not outputs:

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from splatcl.cli.options.light import parse_light
 from splatcl.cli.commands.render import check_outputs, save
+from splatcl.cli.options.light import parse_light
 from splatcl.cli.options.user_shader import user_changes
 from splatcl.scene.lights import Vector
-from splatcl.util.progress import stage
 from splatcl.scene.settings import Shader
+from splatcl.util.progress import stage
 
 if TYPE_CHECKING:
     from splatcl.frame import Frame
@@ -83,7 +83,6 @@ def shade(
         Shade even where the device or the environment may change bits of the image (`splatcl doctor`); recorded.
     """
     import splatcl
-    from splatcl.opencl.relight import relight
 
     outputs = check_outputs(output, png, exposure)
     before = splatcl.read_frame(frame)
@@ -95,7 +94,7 @@ def shade(
     renderer = splatcl.Renderer(device=device, allow_inexact=allow_inexact)
     start = clock.perf_counter()
     with stage("Shading"):
-        after = relight(before, None, changes, renderer)
+        after = before.shade(renderer=renderer, **changes)
     print(f"shaded {after.width}x{after.height} with {after.settings.shader} in {clock.perf_counter() - start:.2f} s")
     save(after, outputs, exposure)
 

@@ -13,10 +13,10 @@ import numpy as np
 from cyclopts import Parameter
 from numpy.typing import ArrayLike, NDArray
 
-from splatcl.scene.camera import Camera, Projection
 from splatcl.errors import CameraError
-from splatcl.util.progress import stage
+from splatcl.scene.camera import Camera, Projection
 from splatcl.scene.splats import OnInvalid, Splats
+from splatcl.util.progress import stage
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 DEFAULT_SIZE = "512x512"
@@ -101,11 +101,11 @@ class View:
 
 def read_splats(scan: Path, on_invalid: OnInvalid, say: Callable[[str], None] = print) -> Splats:
     """Return the splats of a file; `say` what was done."""
-    from splatcl import io
+    from splatcl.io.read import read
 
     start = time.perf_counter()
     with stage(f"Reading {scan.name}"):
-        splats = io.read(scan, on_invalid)
+        splats = read(scan, on_invalid)
     say(f"read {scan}: {len(splats)} splats in {time.perf_counter() - start:.2f} s")
     for note in splats.notes:
         say(f"note: {note}")
@@ -116,7 +116,7 @@ def read_scan(
     scan: Path, on_invalid: OnInvalid, view: View, camera: Camera | None, say: Callable[[str], None] = print
 ) -> tuple[Splats, Camera]:
     """Return the splats of a file, and `camera` or else one that frames them; `say` what was done."""
-    from splatcl import io
+    from splatcl.io.read import up_axis
 
     splats = read_splats(scan, on_invalid, say)
     if camera:
@@ -124,7 +124,7 @@ def read_scan(
     framed = splats.without_outliers()
     if len(framed) < len(splats):
         say(f"note: framed without {len(splats) - len(framed)} strays, which are rendered all the same")
-    camera, turned = view.facing(framed, io.up_axis(scan))
+    camera, turned = view.facing(framed, up_axis(scan))
     if turned:
         say("note: looked from azimuth 180, where the normals point; --azimuth 0 shows the other side")
     return splats, camera

@@ -7,25 +7,25 @@ golden.json; `python -m splatcl.golden` (`make golden`) writes them again. docs/
 
 from __future__ import annotations
 
-import hashlib
-import json
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
 
+from splatcl.evidence.golden.splats import (
+    edge_on,
+    layers,
+    random_discs,
+    rotations,
+    tiny_discs,
+    with_attributes,
+    with_clip,
+    with_field,
+)
 from splatcl.scene.camera import Camera
-from splatcl.frame import Frame
-from splatcl.evidence.golden.splats import edge_on, layers, random_discs, rotations, tiny_discs, with_attributes, with_clip, with_field
 from splatcl.scene.lights import Light, Material
-from splatcl.renderer import Renderer
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
-
-Hashes = dict[str, str]
 
 LIGHTS = (
     Light(color=(0.5, 0.5, 0.5)),
@@ -141,56 +141,6 @@ def methods(
     ]
 
 
-def digest(frame: Frame) -> Hashes:
-    """Return the SHA-256 of each AOV by name: of its shape and type, and its little-endian bytes."""
-    hashes = {}
-    for name in frame:
-        array = np.ascontiguousarray(frame[name])
-        little = array.astype(array.dtype.newbyteorder("<"), copy=False)
-        hashes[name] = hashlib.sha256(f"{array.shape} {little.dtype.str}\n".encode() + little.tobytes()).hexdigest()
-    return hashes
-
-
-def one_hash(hashes: Hashes) -> str:
-    """Return the SHA-256 of all the hashes of a scene, as docs/reproducibility.md has it."""
-    return hashlib.sha256(json.dumps(hashes, sort_keys=True).encode()).hexdigest()
-
-
-@cache
-def stored() -> dict[str, Hashes]:
-    """Return the hashes of golden.json: by scene, then by AOV."""
-    return json.loads((files("splatcl") / "golden.json").read_text())
-
-
-def check(renderer: Renderer, names: Iterable[str] | None = None) -> list[str]:
-    """Render the scenes and return one line for each AOV whose hash differs from the stored one.
-
-    Parameters
-    ----------
-    renderer : Renderer
-        Its device and its way of working; none may change a bit.
-    names : iterable of str, optional
-        Names of scenes; all that the device can render where omitted (double precision may be missing).
-    """
-    wanted = {s.name for s in renderable(renderer)} if names is None else set(names)
-    mismatches = []
-    for scene in scenes():
-        if scene.name not in wanted:
-            continue
-        found = digest(renderer.render(scene.splats, scene.camera, scene.settings))
-        expected = stored().get(scene.name, {})
-        for aov in sorted(found | expected):
-            was, now = (hashes.get(aov, "missing")[:12] for hashes in (expected, found))
-            if expected.get(aov) != found.get(aov):
-                mismatches.append(f"{scene.name} {aov}: {now}, not {was}")
-    return mismatches
-
-
-def renderable(renderer: Renderer) -> list[GoldenScene]:
-    """Return the scenes that the renderer's device can render: without double precision, not all."""
-    return [s for s in scenes() if s.settings.precision == "single" or renderer.supports_double]
-
-
 def camera(
     turn: tuple[float, float, float, float] = (1, 0, 0, 0),
     z: float = 0.0,
@@ -214,14 +164,3 @@ def moved(splats: Splats, eye: Camera, offset: tuple[float, float, float]) -> tu
     matrix[:3, 3] -= (matrix[:3, :3] * np.array(offset)).sum(axis=1)
     center = np.rint(splats.center.astype(np.float64) * 1024) / 1024 + np.array(offset)
     return Splats(center, splats.tangent_u, splats.tangent_v, splats.color), replace(eye, eye_from_world=matrix)
-
-
-def main() -> None:
-    """Write golden.json beside this file, from the default device."""
-    renderer = Renderer()
-    hashes = {s.name: digest(renderer.render(s.splats, s.camera, s.settings)) for s in scenes()}
-    Path(__file__).with_name("golden.json").write_text(json.dumps(hashes, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main()

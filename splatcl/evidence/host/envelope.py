@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl import oracle
-from splatcl.scene.camera import Camera
 from splatcl.errors import SettingsError
+from splatcl.evidence.host.pairs import MAX_MARGIN, Fragments, Pairs, bands, fragments
 from splatcl.oracle import UNIT
+from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
-from splatcl.evidence.host.pairs import MAX_MARGIN, Fragments, Pairs, bands, fragments
 
 Array = NDArray[Any]
 TOLERANCE = 32.0

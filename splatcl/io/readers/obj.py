@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from splatcl.errors import FileError
 from splatcl.io.readers.color import linear_color
+from splatcl.io.readers.lines import number_lines, read_lines
 from splatcl.io.readers.model import Model
 from splatcl.io.readers.polygons import triangulate
-from splatcl.io.readers.text import number_lines, read_lines
 
 WIDTHS = {3: 3, 4: 3, 6: 6, 7: 6}
 """Numbers on a vertex line -> those that are used: x y z (w), or x y z r g b (a)."""

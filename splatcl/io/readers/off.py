@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from splatcl.errors import FileError
 from splatcl.io.readers.color import linear_color
+from splatcl.io.readers.lines import number_lines, read_lines
 from splatcl.io.readers.model import Model
 from splatcl.io.readers.polygons import triangulate
-from splatcl.io.readers.text import number_lines, read_lines
 
 HEADERS = {"OFF": 3, "COFF": 3, "NOFF": 6, "CNOFF": 6}
 """Numbers before the colour on a vertex line."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.errors import FileError
-from splatcl.io import gaussians, native
+from splatcl.io.readers import gaussians, native
 from splatcl.io.readers.color import linear_color
 from splatcl.io.readers.model import Model, foreign_errors
 from splatcl.io.readers.polygons import triangulate, triangulate_strips

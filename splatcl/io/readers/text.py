@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from splatcl.errors import FileError
 from splatcl.io.readers.color import linear_color
+from splatcl.io.readers.lines import SEPARATORS, bare, read_lines
 from splatcl.io.readers.model import Model
 
-SEPARATORS = str.maketrans(",;\t", "   ")
 NAMES = {
     "x": "x", "y": "y", "z": "z", "nx": "nx", "ny": "ny", "nz": "nz", "radius": "radius",
     "r": "red", "g": "green", "b": "blue", "red": "red", "green": "green", "blue": "blue",
@@ -39,11 +39,11 @@ def read_text(path: Path) -> Model:
         Not text, not numbers, lines of different lengths, or a count that is wrong; the message names the line.
     """
     lines = read_lines(path)
-    start = next((i for i, line in enumerate(lines) if _bare(line)), len(lines))
+    start = next((i for i, line in enumerate(lines) if bare(line)), len(lines))
     names = _column_names(lines[:start])
     announced = None
     if start < len(lines) and not names:
-        head = _bare(lines[start]).split()
+        head = bare(lines[start]).split()
         names = _column_names([lines[start]])
         announced = int(head[0]) if len(head) == 1 and head[0].isascii() and head[0].isdigit() else None
         start += bool(names) or announced is not None
@@ -112,47 +112,6 @@ def _place(points: NDArray[np.float64], matrix: NDArray[np.float64]) -> NDArray[
         return points @ matrix[:3, :3] + matrix[3, :3]
 
 
-def read_lines(path: Path) -> list[str]:
-    """Return a text file's lines, whatever ends them.
-
-    Raises
-    ------
-    FileError
-        The file has a zero byte, so it is not text.
-    """
-    data = path.read_bytes()
-    if b"\0" in data:
-        raise FileError(f"{path}: byte {data.index(0)} is zero: this is not a text file")
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = data.decode("latin-1")
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-
-
-def number_lines(lines: list[str], continued: bool = False) -> list[tuple[int, str]]:
-    """Return (line number from 1, text without comment) for the lines that hold something.
-
-    With `continued`, a backslash at a line's end joins the next line to it.
-    """
-    numbered, begun, start = [], "", 0
-    for number, line in enumerate(lines, 1):
-        start = start if begun else number
-        if continued and line.rstrip().endswith("\\"):
-            begun += line.rstrip()[:-1] + " "
-            continue
-        text = (begun + line).partition("#")[0].strip()
-        begun = ""
-        if text:
-            numbered.append((start, text))
-    return numbered
-
-
-def _bare(line: str) -> str:
-    """Return the line without its comment and with blanks for separators."""
-    return COMMENT.split(line, maxsplit=1)[0].translate(SEPARATORS).strip()
-
-
 def _column_names(lines: list[str]) -> list[str]:
     """Return the columns' names where a line gives them ("x y z nx ny nz", "//X,Y,Z,R,G,B"), else nothing."""
     for line in lines:
@@ -164,7 +123,7 @@ def _column_names(lines: list[str]) -> list[str]:
 
 def _table(path: Path, lines: list[str], start: int) -> NDArray[np.float64]:
     """Return the (N, C) numbers of the lines from index `start` on."""
-    rows = [line for line in map(_bare, lines[start:]) if line]
+    rows = [line for line in map(bare, lines[start:]) if line]
     if not rows:
         raise FileError(f"{path}: holds no points")
     try:
@@ -180,7 +139,7 @@ def _bad_line(path: Path, lines: list[str], start: int) -> str | None:
     """Find the first line that is no point, and say what is wrong with it."""
     width = None
     for index, line in enumerate(lines[start:], start + 1):
-        words = _bare(line).split()
+        words = bare(line).split()
         for word in words:
             try:
                 float(word)
@@ -219,7 +178,7 @@ def _guess_columns(path: Path, table: NDArray[np.float64]) -> list[str]:
 def _guess_note(names: list[str], lines: list[str]) -> str:
     """Say how the columns were taken, and that commas separate numbers where they look like decimal ones."""
     note = f"took the {len(names)} numbers of a line as {' '.join(names)}; name them in the first line if they are not"
-    first = next(COMMENT.split(line, maxsplit=1)[0].strip() for line in lines if _bare(line))
+    first = next(COMMENT.split(line, maxsplit=1)[0].strip() for line in lines if bare(line))
     if DECIMAL_COMMAS.fullmatch(first):
         note += "; commas separate numbers here: write decimal points, not commas"
     return note

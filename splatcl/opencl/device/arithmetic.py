@@ -8,16 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.opencl.device.hard_cases import MODERATE, numbers
+from splatcl.opencl.device.queue import DeviceQueue
 from splatcl.scene.settings import Precision
-
-if TYPE_CHECKING:
-    from splatcl.opencl.device.queue import DeviceQueue
 
 LANES: dict[Precision, tuple[int, ...]] = {"single": (1, 4, 8), "double": (1, 4)}
 """Vectors that kernels may use: at most 32 bytes."""

@@ -11,19 +11,18 @@ import os
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from splatcl.errors import DeviceError, FileError
 from splatcl.opencl.device import arithmetic
 from splatcl.opencl.device.arithmetic import Arithmetic, Finding
-from splatcl.errors import DeviceError, FileError
 from splatcl.opencl.device.hard_cases import REALS
-from splatcl.util.atomic import atomic_path
+from splatcl.opencl.device.program import inline_source
+from splatcl.opencl.device.queue import DeviceQueue, WorkItem
 from splatcl.scene.settings import Precision
-
-if TYPE_CHECKING:
-    from splatcl.opencl.device.queue import DeviceQueue
+from splatcl.util.atomic import atomic_path
 
 FLAG_VARIABLES = ("PYOPENCL_BUILD_OPTIONS", "POCL_EXTRA_BUILD_FLAGS")
 """Environment variables that inject compiler flags, which could change the bits of an image."""
@@ -71,6 +70,33 @@ class Strictness:
         self._reasons[key] = reason
 
 
+class Device(DeviceQueue):
+    """A command queue on a device that is fit for references.
+
+    Parameters
+    ----------
+    device, lanes, mapping
+        As for `DeviceQueue`.
+    allow_inexact : bool
+        Take a device whose arithmetic is not strict, or a compiler with injected flags (`Strictness`).
+
+    Raises
+    ------
+    DeviceError
+        As `DeviceQueue` and `Strictness` do.
+    """
+
+    def __init__(
+        self,
+        device: str | int | None = None,
+        lanes: int | None = None,
+        mapping: WorkItem | None = None,
+        allow_inexact: bool = False,
+    ) -> None:
+        super().__init__(device, lanes, mapping)
+        self.strictness = Strictness(self, allow_inexact)
+
+
 def injected_flags() -> dict[str, str]:
     """Return the variables of `FLAG_VARIABLES` that are set."""
     return {variable: os.environ[variable] for variable in FLAG_VARIABLES if os.environ.get(variable)}
@@ -96,8 +122,6 @@ def _cache_folder() -> Path:
 
 def _key(device: DeviceQueue, precision: Precision, lanes: tuple[int, ...]) -> str:
     """Return a hash of all that the result depends on: the device, its driver, injected flags, and the test itself."""
-    from splatcl.opencl.device.program import inline_source
-
     handle = device.info.handle
     facts = (device.info.platform, device.info.version, device.info.name, handle.driver_version, precision, lanes)
     test = [Path(arithmetic.__file__).read_text(), inline_source("doctor.cl", {})]

@@ -11,6 +11,7 @@ import pickle
 import subprocess
 import sys
 import threading
+from collections.abc import Callable
 from typing import Any
 
 from splatcl.errors import DeviceError
@@ -22,17 +23,19 @@ class Worker:
     def __init__(self) -> None:
         self.lock = threading.Lock()
         self.process = subprocess.Popen(
-            [sys.executable, "-c", "from splatcl.worker import main; main()"],
+            [sys.executable, "-c", "from splatcl.opencl.device.worker import main; main()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
         )
 
-    def call(self, *job: Any) -> Any:
-        """Return the result for ``(renderer arguments, function, further arguments)``; see `Renderer.call`."""
+    def call(
+        self, factory: Callable[..., Any], arguments: tuple[Any, ...], function: Callable[..., Any], *args: Any
+    ) -> Any:
+        """Return ``factory(*arguments).call(function, *args)``, from the worker, which keeps what the factory made."""
         with self.lock:
             assert self.process.stdin and self.process.stdout
             try:
-                pickle.dump(job, self.process.stdin)
+                pickle.dump((factory, arguments, function, args), self.process.stdin)
                 self.process.stdin.flush()
                 result = pickle.load(self.process.stdout)
             except (BrokenPipeError, EOFError):
@@ -56,20 +59,18 @@ def worker() -> Worker:
 
 def main() -> None:
     """Do the jobs that arrive on standard input until it closes."""
-    from splatcl.renderer import Renderer
-
     jobs, results = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a runtime prints must not mix with the frames
-    renderers: dict[Any, Renderer] = {}
+    made: dict[Any, Any] = {}
     while True:
         try:
-            arguments, function, *rest = pickle.load(jobs)
+            factory, arguments, function, args = pickle.load(jobs)
         except EOFError:
             return
         try:
-            if arguments not in renderers:
-                renderers[arguments] = Renderer(*arguments)
-            result: Any = renderers[arguments].call(function, *rest)
+            if (factory, arguments) not in made:
+                made[factory, arguments] = factory(*arguments)
+            result = made[factory, arguments].call(function, *args)
         except Exception as error:
             result = error
         pickle.dump(result, results)

@@ -4,26 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.opencl.passes import bin as pipeline
-from splatcl.scene.camera import Camera
 from splatcl.errors import SettingsError
-from splatcl.opencl.state.buffers import Shadows
-from splatcl.opencl.state.lights import light_options
-from splatcl.scene.lights import Light
+from splatcl.opencl.passes.bin import bin
+from splatcl.opencl.passes.visibility import project_and_see
+from splatcl.opencl.state.buffers import DepthBuffer, Shadows
 from splatcl.opencl.state.context import PassContext
-from splatcl.scene.camera import rotated
-from splatcl.opencl.state.buffers import DepthBuffer
 from splatcl.opencl.state.upload import DeviceSplats
+from splatcl.scene.camera import Camera, rotated
+from splatcl.scene.lights import Light
 from splatcl.scene.settings import RenderSettings
-
-if TYPE_CHECKING:
-    from splatcl.opencl.session import UploadedSplats
-    from splatcl.renderer import Renderer
 
 Sphere = tuple[NDArray[np.float64], float]
 AROUND = 1.01
@@ -34,18 +28,17 @@ ALIGNED = 4096
 """Bytes that a map's start in the buffer is a multiple of; devices ask for 128 to 4096."""
 
 
-def cast(
-    renderer: Renderer, resident: UploadedSplats, camera: Camera, settings: RenderSettings, epsilon: float
-) -> Shadows | None:
-    """Draw the shadow maps of a frame's lights; None where the shader asks for none.
+def cast(context: PassContext, splats: DeviceSplats, sphere: Sphere, epsilon: float) -> Shadows:
+    """Draw the shadow maps of a frame's lights.
 
     Parameters
     ----------
-    renderer : Renderer
-    resident : UploadedSplats
+    context : PassContext
+        The frame's.
+    splats : DeviceSplats
         The splats that cast.
-    camera, settings
-        Of the frame.
+    sphere : (3,) float64 array and float
+        Center and radius of their bounding sphere, world space, scene units.
     epsilon : float
         Depth tolerance, scene units, for biases that are "auto".
 
@@ -54,25 +47,22 @@ def cast(
     SettingsError
         A point light is within the sphere.
     """
-    if "SHADOWS" not in light_options(settings):
-        return None
-    passes, splats = renderer.prepare(resident, camera, settings)
-    lights, sphere = settings.lights, resident.sphere
+    lights = context.settings.lights
     cameras = {i: light_camera(light, sphere) for i, light in enumerate(lights) if light.shadow != "none"}
     biases = {i: shadow_bias(lights[i], seen_by, sphere, epsilon) for i, seen_by in cameras.items()}
-    real_bytes, starts = passes.real.itemsize, [0]
+    real_bytes, starts = context.real.itemsize, [0]
     for seen_by in cameras.values():
         pages = -(-(seen_by.width**2) * real_bytes // ALIGNED)
         starts.append(starts[-1] + pages * ALIGNED)
-    depths = passes.device.buffer(starts[-1])
-    structs = np.zeros(len(cameras), passes.dtypes["ShadowMap"])
+    depths = context.device.buffer(starts[-1])
+    structs = np.zeros(len(cameras), context.dtypes["ShadowMap"])
     for struct, start, (i, seen_by) in zip(structs, starts, cameras.items(), strict=False):
         part = depths.get_sub_region(start, seen_by.width**2 * real_bytes)
-        _draw(passes, seen_by, splats, part)
-        for name, value in _map_fields(camera, seen_by, lights[i]).items():
+        _draw(context, seen_by, splats, part)
+        for name, value in _map_fields(context.camera, seen_by, lights[i]).items():
             struct[name] = value
         struct["bias"], struct["first"] = biases[i], start // real_bytes
-    return Shadows(passes.constant(structs), depths, tuple(biases.get(i) for i in range(len(lights))))
+    return Shadows(context.constant(structs), depths, tuple(biases.get(i) for i in range(len(lights))))
 
 
 def light_camera(light: Light, sphere: Sphere) -> Camera:
@@ -132,13 +122,13 @@ def _looking(forward: NDArray[np.float64], position: NDArray[np.float64]) -> NDA
     return matrix
 
 
-def _draw(passes: PassContext, camera: Camera, splats: DeviceSplats, depths: Any) -> None:
+def _draw(context: PassContext, camera: Camera, splats: DeviceSplats, depths: Any) -> None:
     """Fill `depths` with what a light sees of the splats, of both their sides."""
-    settings = map_settings(passes.settings)
-    seen = PassContext(passes.device, camera, settings, passes.tile_size, passes.precision)
-    view, depth = seen.view(splats.origin), DepthBuffer(depths, passes.device.buffer(camera.width**2 * 4))
-    for lists in pipeline.bin(seen, view, splats):
-        pipeline.project_and_see(seen, view, splats, lists, depth, 0.0)
+    settings = map_settings(context.settings)
+    seen = PassContext(context.device, camera, settings, context.tile_size, context.precision)
+    view, depth = seen.view(splats.origin), DepthBuffer(depths, context.device.buffer(camera.width**2 * 4))
+    for lists in bin(seen, view, splats):
+        project_and_see(seen, view, splats, lists, depth, 0.0)
 
 
 def map_settings(settings: RenderSettings) -> RenderSettings:

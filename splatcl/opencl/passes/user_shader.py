@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from splatcl.errors import SettingsError
-from splatcl.opencl.state.lights import light_options
 from splatcl.opencl.device.program import BuildError, Text
+from splatcl.opencl.state.buffers import Channels
+from splatcl.opencl.state.context import PassContext
+from splatcl.opencl.state.lights import light_options
 from splatcl.scene.settings import RenderSettings
-
-if TYPE_CHECKING:
-    from splatcl.opencl.state.context import PassContext
-    from splatcl.opencl.state.buffers import Channels
 
 MAX_ERRORS = 3
 """First errors of a build that are told."""
@@ -24,7 +22,7 @@ ERROR = re.compile(
 """An error of a build log: PoCL puts the word before the place, others after it."""
 
 
-def run(passes: PassContext, channels: Channels, light: tuple[Any, ...], *args: Any, color: Any) -> None:
+def run(context: PassContext, channels: Channels, light: tuple[Any, ...], *args: Any, color: Any) -> None:
     """Run the settings' shader over the image.
 
     Parameters
@@ -42,11 +40,11 @@ def run(passes: PassContext, channels: Channels, light: tuple[Any, ...], *args: 
     SettingsError
         There is no shader's text, it has no function ``shade``, or it does not compile.
     """
-    settings, size = passes.settings, (passes.camera.width, passes.camera.height)
+    settings, size = context.settings, (context.camera.width, context.camera.height)
     images = list(dict.fromkeys(image for image, _ in channels.values()))
     places = {name: (images.index(image), k) for name, (image, k) in channels.items()}
     try:
-        passes.run(
+        context.run(
             "user", size, *args, color, *images, *light, LANES=1, RESOLVED=1, **light_options(settings),
             ATTRIBUTES=Text(_declarations(places, len(images))), USER_SHADER=Text(_code(settings)),
         )  # fmt: skip

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.scene.camera import Camera
+from splatcl.opencl.device.strictness import Device
 from splatcl.opencl.device.structs import REAL, structs
+from splatcl.opencl.state.buffers import DepthBuffer, GBuffer, TileLists
+from splatcl.scene.camera import Camera, rotated
 from splatcl.scene.settings import Precision, RenderSettings
-
-if TYPE_CHECKING:
-    from splatcl.opencl.device.queue import DeviceQueue
-    from splatcl.opencl.state.buffers import TileLists
 
 PIXEL_GROUP = 64
 """Work-items per group where each takes one pixel; it must divide the smallest tile."""
@@ -30,7 +28,7 @@ EVERY, FRONT, BEHIND = 0, 1, 2
 """Layers of the tile lists: every entry; those near the nearest of their tile; those behind that they do not hide."""
 
 
-class Passes:
+class PassContext:
     """What every pass of one frame needs: the device, the camera and settings as structs, the tile grid.
 
     `first` is the column and row of a window's first pixel: the frame is then the pixels from there on, `camera.width`
@@ -39,7 +37,7 @@ class Passes:
 
     def __init__(
         self,
-        device: DeviceQueue,
+        device: Device,
         camera: Camera,
         settings: RenderSettings,
         tile_size: int,
@@ -140,6 +138,9 @@ class Passes:
         return self.constant(view)
 
 
-def rotated(rotation: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product by single operations: the one of a BLAS has other bits on other CPUs."""
-    return (rotation[:, 0] * vector[0] + rotation[:, 1] * vector[1]) + rotation[:, 2] * vector[2]
+def frame_buffers(context: PassContext) -> tuple[DepthBuffer, GBuffer]:
+    """Return the images that the raster passes fill."""
+    depth = DepthBuffer(context.image(), context.image(dtype="u4"))
+    return depth, GBuffer(
+        context.image(), context.image(3), context.image(3), context.image(), context.image(dtype="u4")
+    )

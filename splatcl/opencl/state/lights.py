@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from splatcl.scene.camera import Camera
-from splatcl.errors import SplatclError
-from splatcl.scene.lights import Light
 from splatcl.opencl.state.context import PassContext
-from splatcl.scene.camera import rotated
+from splatcl.scene.camera import Camera, rotated
+from splatcl.scene.lights import Light
 from splatcl.scene.settings import RenderSettings
 
 LIGHTMAP_SIZE = 129
@@ -23,31 +20,22 @@ STEP = 1e30
 """Slope of a cone whose edge has no width."""
 
 
-@dataclass(frozen=True)
-class Shadows:
-    """The shadow maps of a frame: their structs and all their depths on the device, and each light's bias."""
-
-    maps: Any
-    depths: Any
-    bias: tuple[float | None, ...]
-
-
-def shading_structs(passes: PassContext) -> tuple[Any, Any]:
+def shading_structs(context: PassContext) -> tuple[Any, Any]:
     """Return the Shading and PhongLight structs on the device."""
-    settings, lights = passes.settings, passes.settings.lights
-    shading = np.zeros(1, passes.dtypes["Shading"])
+    settings, lights = context.settings, context.settings.lights
+    shading = np.zeros(1, context.dtypes["Shading"])
     for name in ("ambient", "diffuse", "specular", "shininess"):
         shading[name] = getattr(settings.material, name)
     shading["num_lights"] = len(lights)
-    eye_lights = np.zeros(max(len(lights), 1), passes.dtypes["PhongLight"])
+    eye_lights = np.zeros(max(len(lights), 1), context.dtypes["PhongLight"])
     num_maps = 0
     for struct, light in zip(eye_lights, lights, strict=False):
         has_map = light.shadow != "none"
-        for name, value in eye_light(light, passes.camera).items():
+        for name, value in eye_light(light, context.camera).items():
             struct[name] = value
         struct["map"] = num_maps if has_map else -1
         num_maps += has_map
-    return passes.constant(shading), passes.constant(eye_lights)
+    return context.constant(shading), context.constant(eye_lights)
 
 
 def eye_light(light: Light, camera: Camera) -> dict[str, float]:
@@ -71,35 +59,9 @@ def eye_light(light: Light, camera: Camera) -> dict[str, float]:
     return struct
 
 
-def light_arguments(passes: PassContext, structs: tuple[Any, Any], shadows: Shadows | None = None) -> tuple[Any, ...]:
-    """Return what a kernel that shades takes besides, last (surface.h), built with `light_options`.
-
-    `structs` are those of `shading_structs`, `shadows` those of `shadows.cast`; `SplatclError` where these are missing.
-    """
-    options = light_options(passes.settings)
-    if "LIGHTMAP" in options:
-        return (lightmap(passes, structs),)
-    if "SHADOWS" in options:
-        if shadows is None:
-            raise SplatclError(
-                "shadows are cast by splats, which are not at hand here: render again, or take lights with "
-                "shadow='none'"
-            )
-        return shadows.maps, shadows.depths
-    return ()
-
-
 def light_options(settings: RenderSettings) -> dict[str, int]:
     """Return the build options of a kernel that shades that say what light there is."""
     if settings.shader == "lightmap":
         return {"LIGHTMAP": LIGHTMAP_SIZE}
     casts = settings.shader in LIT and any(light.shadow != "none" for light in settings.lights)
     return {"SHADOWS": 1} if casts else {}
-
-
-def lightmap(passes: PassContext, structs: tuple[Any, Any]) -> Any:
-    """Return the light map on the device, (LIGHTMAP_SIZE, LIGHTMAP_SIZE, 6) reals (kernels/lightmap.cl)."""
-    table = passes.device.buffer(LIGHTMAP_SIZE**2 * 6 * passes.real.itemsize)
-    size = (-(-LIGHTMAP_SIZE // passes.lanes), LIGHTMAP_SIZE)
-    passes.run("lightmap", size, *structs, table, LIGHTMAP=LIGHTMAP_SIZE)
-    return table

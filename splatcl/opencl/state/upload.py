@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from splatcl.opencl.device.strictness import Device
 from splatcl.opencl.device.structs import REAL
 from splatcl.scene.settings import Precision
 from splatcl.scene.splats import Splats
-
-if TYPE_CHECKING:
-    from splatcl.opencl.device.queue import DeviceQueue
 
 GLOSS = ("specular", "shininess")
 """Attributes that take the place of the material's."""
@@ -23,7 +21,7 @@ PLANE_PAD = 16
 
 
 @dataclass(frozen=True)
-class ResidentSplats:
+class DeviceSplats:
     """Splats on the device, relative to `origin` (world space, float64).
 
     The geometry lies twice: as planes of x, y, z, which binning streams, and splat by splat with the colour
@@ -42,18 +40,18 @@ class ResidentSplats:
     stride: int
     extra: Any = None
     options: Mapping[str, int] = field(default_factory=lambda: {"CLIP": 0, "GLOSS": 0})
-    channels: tuple[Channels, ...] = ()
+    channels: tuple[AttributeGroup, ...] = ()
 
 
 @dataclass(frozen=True)
-class Channels:
+class AttributeGroup:
     """Up to six attributes of every splat; a name is empty where there is none of it."""
 
     names: tuple[str, ...]
     values: Any
 
 
-def upload(device: DeviceQueue, splats: Splats, precision: Precision) -> ResidentSplats:
+def upload(device: Device, splats: Splats, precision: Precision) -> DeviceSplats:
     """Copy splats to the device, relative to an origin near them."""
     real = np.dtype(REAL[precision])
     origin = near_origin(splats.center)
@@ -74,8 +72,8 @@ def upload(device: DeviceQueue, splats: Splats, precision: Precision) -> Residen
     options = {"CLIP": int(splats.clip is not None), "GLOSS": int(bool({*GLOSS} & splats.attributes.keys()))}
     if any(options.values()) or splats.normal_du is not None:
         buffers["extra"] = device.upload(_extra(splats, real))
-    channels = tuple(Channels(names, device.upload(values)) for names, values in _channels(splats, real))
-    return ResidentSplats(**buffers, origin=origin, num_splats=num, stride=stride, options=options, channels=channels)
+    channels = tuple(AttributeGroup(names, device.upload(values)) for names, values in _channels(splats, real))
+    return DeviceSplats(**buffers, origin=origin, num_splats=num, stride=stride, options=options, channels=channels)
 
 
 def _extra(splats: Splats, real: np.dtype[Any]) -> NDArray[Any]:

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
 from splatcl.errors import SettingsError
-from splatcl.prepare.features.sharp_edges import SharpEdges, sharp_edges
 from splatcl.prepare.features.clip_lines import MAX_LINES, at, keep_deepest, plane_lines
+from splatcl.prepare.features.sharp_edges import SharpEdges, sharp_edges
 from splatcl.prepare.meshes import MAX_SIZE, MAX_SPLATS, mesh_triangles, steiner_ellipses
 from splatcl.scene.splats import OnInvalid, Splats
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from splatcl.scene.camera import vector
 from splatcl.errors import SettingsError
+from splatcl.scene.camera import vector
 from splatcl.scene.splats import DEFAULT_COLOR
 
 Array = NDArray[Any]

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.scene.camera import Camera
 from splatcl.apps.paper import metrics
 from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
 from splatcl.apps.paper.scenes import DARK, LIGHT, checkerboard, checkerboard_camera, checkerboard_truth, undersampled
+from splatcl.scene.camera import Camera
 
 WIDTH, HEIGHT = 256, 192
 RAYS = 16

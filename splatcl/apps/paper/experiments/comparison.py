@@ -9,13 +9,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
+from splatcl.apps.paper.experiments.antialiasing import HEIGHT, SHEET, WIDTH, aliasing, truth
+from splatcl.apps.paper.experiments.perspective import BARE, hole_share
+from splatcl.apps.paper.metrics import angles, psnr
+from splatcl.apps.paper.scenes import (
+    checkerboard,
+    checkerboard_camera,
+    low_camera,
+    on_floor,
+    painted,
+    sphere,
+    sphere_camera,
+    sphere_truth,
+    touching_floor,
+)
 from splatcl.apps.timing import seconds_of, turn_by_turn
 from splatcl.scene.lights import Material
-from splatcl.apps.paper.experiments.antialiasing import HEIGHT, SHEET, WIDTH, aliasing, truth
-from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
-from splatcl.apps.paper.metrics import angles, psnr
-from splatcl.apps.paper.experiments.perspective import BARE, hole_share
-from splatcl.apps.paper.scenes import checkerboard, checkerboard_camera, low_camera, on_floor, painted, sphere, sphere_camera, sphere_truth, touching_floor
 from splatcl.scene.settings import METHODS, Method, RenderSettings
 from splatcl.scene.splats import Splats
 

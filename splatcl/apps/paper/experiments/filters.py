@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
-from splatcl.scene.camera import Camera
 from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
 from splatcl.apps.paper.metrics import area, second_moments
+from splatcl.scene.camera import Camera
 from splatcl.scene.splats import Splats
 
 Array = NDArray[Any]

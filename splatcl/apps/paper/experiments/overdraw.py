@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatcl.apps.sample_scenes import frame_camera, resampled
 from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
 from splatcl.apps.paper.scenes import scan
+from splatcl.apps.sample_scenes import frame_camera, resampled
 
 SIZE = 512
 SIZES = (10_000, 30_571, 120_000, 480_000)

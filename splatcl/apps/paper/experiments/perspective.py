@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.scene.camera import Camera
 from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
 from splatcl.apps.paper.scenes import low_camera, on_floor, rays, touching_floor
+from splatcl.scene.camera import Camera
 from splatcl.scene.splats import Splats
 
 WIDTH, HEIGHT = 256, 192

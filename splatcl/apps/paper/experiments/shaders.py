@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from splatcl.scene.camera import Camera
-from splatcl.scene.lights import Light
 from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
 from splatcl.apps.paper.metrics import num_levels
 from splatcl.apps.paper.scenes import scan
+from splatcl.scene.camera import Camera
+from splatcl.scene.lights import Light
 from splatcl.scene.splats import Splats
 
 SIZE = 224

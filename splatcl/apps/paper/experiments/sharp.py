@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl import features
-from splatcl.scene.camera import Camera
 from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
 from splatcl.apps.paper.scenes import rays
+from splatcl.scene.camera import Camera
 from splatcl.scene.splats import Splats
 
 SIZE = 192

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.apps.sample_scenes import frame_camera
-from splatcl.frame import Frame
 from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
 from splatcl.apps.paper.metrics import angles, differences, num_levels, psnr
 from splatcl.apps.paper.scenes import ramp, scan
+from splatcl.apps.sample_scenes import frame_camera
+from splatcl.frame import Frame
 
 SIZE = 256
 STEP = 1 / 255
