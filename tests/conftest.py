@@ -19,9 +19,9 @@ class Backend:
 
 @pytest.fixture(scope="session")
 def device():
-    from splatcl.opencl.device.queue import DeviceQueue
+    from splatcl.opencl.device.strictness import Device
 
-    return DeviceQueue()
+    return Device()
 
 
 @pytest.fixture(scope="session")

@@ -13,8 +13,8 @@ from splatcl.apps.bench.matrix import BASE, Row
 from splatcl.apps.bench.measure import Drawn, Fragments, Result
 from splatcl.apps.bench.passes import PASSES, Counts
 from splatcl.apps.bench.roofline import Limits, Roofline
-from splatcl.apps.timing import Spread
 from splatcl.apps.bench.work import FLOPS, limits_of, work_of
+from splatcl.apps.timing import Spread
 
 SMALL = 1 << 20
 

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 import splatcl
-from splatcl.opencl.device import queue as devices
-from splatcl.opencl.device import program
 from splatcl.errors import DeviceError
+from splatcl.opencl.device import devices, program
 from splatcl.opencl.device.strictness import FLAG_VARIABLES
 
 SPLATS = splatcl.Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])

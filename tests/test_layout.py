@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from splatcl.errors import DeviceError
 from splatcl.opencl.device import structs as layout
 from splatcl.opencl.device.devices import choose_device
 from splatcl.opencl.device.queue import Program
-from splatcl.errors import DeviceError
 
 REALS = ["f4"] + ["f8"] * (choose_device().supports["double"] == "yes")
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import tolerances as tol
 
-from splatcl.prepare import meshes
 from splatcl.errors import InvalidSplatsError
+from splatcl.prepare import meshes
 from splatcl.prepare.meshes import splats_from_mesh, steiner_ellipses
 
 STEINER_AREA = 4 * np.pi / (3 * np.sqrt(3))

@@ -16,10 +16,9 @@ from typing import Any
 import numpy as np
 
 from splatcl.errors import DeviceError, FileError
-from splatcl.opencl.device import arithmetic
+from splatcl.opencl.device import arithmetic, program
 from splatcl.opencl.device.arithmetic import Arithmetic, Finding
 from splatcl.opencl.device.hard_cases import REALS
-from splatcl.opencl.device.program import inline_source
 from splatcl.opencl.device.queue import DeviceQueue, WorkItem
 from splatcl.scene.settings import Precision
 from splatcl.util.atomic import atomic_path
@@ -124,7 +123,7 @@ def _key(device: DeviceQueue, precision: Precision, lanes: tuple[int, ...]) -> s
     """Return a hash of all that the result depends on: the device, its driver, injected flags, and the test itself."""
     handle = device.info.handle
     facts = (device.info.platform, device.info.version, device.info.name, handle.driver_version, precision, lanes)
-    test = [Path(arithmetic.__file__).read_text(), inline_source("doctor.cl", {})]
+    test = [Path(arithmetic.__file__).read_text(), program.inline_source("doctor.cl", {})]
     return hashlib.sha256(repr((facts, injected_flags(), test)).encode()).hexdigest()[:24]
 
 
