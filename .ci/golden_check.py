@@ -15,8 +15,12 @@ from typing import Any
 
 import pyopencl
 
-from splatcl import Renderer, device, golden, pipeline, program
+from splatcl import Renderer
 from splatcl.errors import DeviceError
+from splatcl.evidence.golden import check as golden
+from splatcl.opencl.device import program
+from splatcl.opencl.device.devices import choose_device
+from splatcl.opencl.passes import bin as bin_pass
 
 WAYS: tuple[dict[str, Any], ...] = (
     {},
@@ -36,7 +40,7 @@ SEEDED = {  # by the report that Oclgrind must give: correct kernel text and its
 
 def main(command: str, *arguments: str) -> int:
     """Run a command and return the exit status."""
-    pipeline.MIN_CHUNK = pipeline.PLANE_PAD  # so that even these few splats fill several chunks
+    bin_pass.MIN_CHUNK = bin_pass.PLANE_PAD  # so that even these few splats fill several chunks
     if command == "seed" or "--tiny" in arguments:
         keep_buffers()
     if command == "check":
@@ -71,7 +75,7 @@ def check(file: Path, ways: tuple[dict[str, Any], ...], tiny: bool) -> int:
     failures, done = 0, []
     for way in ways:
         lanes = way.get("lanes", 1)
-        if lanes > 8 and "rusticl" in device.choose_device().platform.lower():
+        if lanes > 8 and "rusticl" in choose_device().platform.lower():
             print(f"{way}: not tried: rusticl takes more than ten minutes to compile the visibility pass")
             continue
         try:
@@ -87,7 +91,7 @@ def check(file: Path, ways: tuple[dict[str, Any], ...], tiny: bool) -> int:
         print(*mismatches, f"{way}: {len(names)} scenes, {len(mismatches)} AOVs differ", sep="\n", flush=True)
         failures += len(mismatches) + explain(renderer, names[0])
         done.append(way)
-    renderer, info = Renderer(**ways[0]), device.choose_device()
+    renderer, info = Renderer(**ways[0]), choose_device()
     result = {
         "version": f"{info.version.strip()}; {info.name}, driver {info.handle.driver_version}",
         "ways": done,

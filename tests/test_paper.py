@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from tolerances import KERNEL_AREA, MOMENT_RELATIVE
 
+from splatcl.apps.paper import metrics, report, scenes
+from splatcl.apps.paper.catalogue import EXPERIMENTS, chosen
+from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
+from splatcl.apps.paper.experiments import antialiasing, comparison, filters, perspective, sharp
 from splatcl.cli import main
 from splatcl.errors import SettingsError
-from splatcl.paper import antialiasing, comparison, filters, metrics, perspective, report, scenes, sharp
-from splatcl.paper.catalogue import EXPERIMENTS, chosen
-from splatcl.paper.experiment import Claim, Figure, Result, Run
 
 PAGE = Path(__file__).parents[1] / "docs" / "trust" / "paper.md"
 GREY = np.full((20, 24, 3), 0.5, np.float32)

@@ -20,7 +20,7 @@ from tolerances import (
 )
 
 from splatcl import Camera, RenderSettings, oracle
-from splatcl.io import read
+from splatcl.io.read import read
 
 ROOT = Path(__file__).resolve().parents[1]
 BUNDLED = ROOT / "reference_images" / "scans"

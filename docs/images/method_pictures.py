@@ -9,7 +9,7 @@ import numpy as np
 import splatcl
 from splatcl import Camera, Light, RenderSettings
 from splatcl.io.png import write_png
-from splatcl.settings import METHODS
+from splatcl.scene.settings import METHODS
 
 FOLDER = Path(__file__).parent
 SCAN = FOLDER.parents[1] / "reference_images" / "scans" / "bunny.pts"

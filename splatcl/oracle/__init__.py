@@ -34,7 +34,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.discs import _discs, _Hits, _intersect, _out_of_range
 from splatcl.oracle.ellipses import _Cover, _ellipses, _within
 from splatcl.oracle.light_view import shadow_maps
@@ -46,8 +45,9 @@ from splatcl.oracle.rays import EDGE_ON, NO_SPLAT, NOTHING, OFFSET_ERROR, TINY, 
 from splatcl.oracle.shade import shade
 from splatcl.oracle.shadow import lookup
 from splatcl.oracle.supersampling import averaged, enlarged
-from splatcl.settings import RenderSettings
-from splatcl.splats import Splats
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
+from splatcl.scene.splats import Splats
 
 __all__ = [
     "EDGE_ON",

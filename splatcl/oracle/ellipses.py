@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.discs import _Discs
 from splatcl.oracle.maps import _Maps, _maps
 from splatcl.oracle.project import ProjectedSplats
 from splatcl.oracle.rays import EDGE_ON, UNIT, Array, _cosine, _raster
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatcl.camera import Camera
-from splatcl.lights import Light
 from splatcl.oracle.project import project
 from splatcl.oracle.raster import visibility
 from splatcl.oracle.rays import Array, _normalize
 from splatcl.oracle.shadow import ShadowMap, Shadows
-from splatcl.settings import RenderSettings
-from splatcl.splats import Splats
+from splatcl.scene.camera import Camera
+from splatcl.scene.lights import Light
+from splatcl.scene.settings import RenderSettings
+from splatcl.scene.splats import Splats
 
 
 def shadow_maps(splats: Splats, settings: RenderSettings, epsilon: float) -> Shadows:

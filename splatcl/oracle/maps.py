@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.rays import CLEAR, NOTHING, TINY, UNIT, Array, _range_margin, _raster
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
 
 
 @dataclass(frozen=True, eq=False)

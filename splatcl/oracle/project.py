@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.maps import _maps
 from splatcl.oracle.rays import (
     CLEAR,
@@ -22,8 +21,9 @@ from splatcl.oracle.rays import (
     _raster,
     _s_center,
 )
-from splatcl.settings import RenderSettings
-from splatcl.splats import Splats
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
+from splatcl.scene.splats import Splats
 
 
 @dataclass(frozen=True, eq=False)

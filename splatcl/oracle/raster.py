@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect
 from splatcl.oracle.ellipses import _Cover, _Ellipses, _ellipses, _within
 from splatcl.oracle.project import ProjectedSplats
@@ -23,7 +22,8 @@ from splatcl.oracle.rays import (
     _ray_length,
 )
 from splatcl.oracle.shade import shade_points
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
 
 
 @dataclass(frozen=True, eq=False)

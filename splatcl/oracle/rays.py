@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.camera import Camera
+from splatcl.scene.camera import Camera
 
 Array = NDArray[Any]
 UNIT = 2.0**-24

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.errors import SettingsError
-from splatcl.lights import Light
 from splatcl.oracle.lightmap import lightmap
 from splatcl.oracle.rays import Array, _image, _normalize, _ray_length, _rays
 from splatcl.oracle.shadow import Shadows, lookup
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.lights import Light
+from splatcl.scene.settings import RenderSettings
 
 if TYPE_CHECKING:
     from splatcl.oracle.raster import DepthBuffer, GBuffer

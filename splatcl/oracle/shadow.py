@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.rays import Array
+from splatcl.scene.camera import Camera
 
 if TYPE_CHECKING:
     from splatcl.oracle.raster import DepthBuffer

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.rays import NO_SPLAT, Array, _normalize
+from splatcl.scene.camera import Camera
 
 
 def enlarged(camera: Camera, n: int) -> Camera:
