@@ -70,7 +70,7 @@ def checkerboards(run: Run) -> Result:
         figures += [Figure(name, key, value, unit) for key, (value, unit) in one.items() if value is not None]
     quality, error = ({name: one[key][0] for name, one in measured.items()} for key in ("PSNR", "aliasing"))
     figures.append(Figure("truth", "aliasing", aliasing(exact, camera), "%"))
-    notes = (MEANING, SAMPLES, LOW_PASS)
+    notes: tuple[str, ...] = (MEANING, SAMPLES, LOW_PASS)
     notes += () if measured["none"]["FLIP"][0] is not None else (metrics.NO_FLIP,)
     title = "[BHZK05] Figure 3: a checkerboard at a grazing angle"
     return Result("checkerboards", title, tuple(figures), _claims(quality, error), {"truth": exact} | images, notes)
