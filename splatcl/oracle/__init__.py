@@ -19,7 +19,8 @@ rounding error is 2^-24 e_i), den = g.s / g.s_c, A = a / g.s_c, B = b / g.s_c an
 - facing (cos = n.c / |c|, n_z if orthographic) and edge-on (|cos| - 2^-16):  scale
   4 |t_u| |t_v| / |t_u x t_v|;
 - a clip line's a u + b v + c >= 0:  times den as r3, of the same scale;
-- r <= 1 in an ellipse (splatcl/oracle/ellipses.py):  the scale of `_within`; that a conic one exists: 4 (|z| + reach);
+- r <= 1 in an ellipse (splatcl/oracle/geometry/ellipses.py):  the scale of `_within`; that a conic one exists:
+  4 (|z| + reach);
 
 kappa = max(|t_u|, |t_v|)^2 / |t_u x t_v| / |cos| is the relative error of g.s_c (of a circle, 1/|cos|).
 Conditions that hold together (r3^2 <= 1, z in [near, far], not edge-on, not culled, not cut off) have the least of
@@ -35,14 +36,14 @@ from collections.abc import Mapping
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.discs import _discs, _Hits, _intersect, _out_of_range
-from splatcl.oracle.ellipses import _Cover, _ellipses, _within
+from splatcl.oracle.geometry.discs import _discs, _Hits, _intersect, _out_of_range
+from splatcl.oracle.geometry.ellipse_maps import _maps
+from splatcl.oracle.geometry.ellipses import _Cover, _ellipses, _within
+from splatcl.oracle.geometry.rays import EDGE_ON, NO_SPLAT, NOTHING, OFFSET_ERROR, TINY, UNIT, Array, _ray_length, _rays
 from splatcl.oracle.light_view import shadow_maps
 from splatcl.oracle.lightmap import gathered
-from splatcl.oracle.maps import _maps
 from splatcl.oracle.project import ProjectedSplats, _disc_bounds, bin, project
 from splatcl.oracle.raster import DepthBuffer, GBuffer, _Raster, _weight, attributes, visibility
-from splatcl.oracle.rays import EDGE_ON, NO_SPLAT, NOTHING, OFFSET_ERROR, TINY, UNIT, Array, _ray_length, _rays
 from splatcl.oracle.shade import shade
 from splatcl.oracle.shadow import lookup
 from splatcl.oracle.supersampling import averaged, enlarged

@@ -8,9 +8,9 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.lights import Light
+from splatcl.oracle.geometry.rays import Array, _normalize
 from splatcl.oracle.project import project
 from splatcl.oracle.raster import visibility
-from splatcl.oracle.rays import Array, _normalize
 from splatcl.oracle.shadow import ShadowMap, Shadows
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats

@@ -6,7 +6,7 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.lights import Light
-from splatcl.oracle.rays import Array, _normalize
+from splatcl.oracle.geometry.rays import Array, _normalize
 from splatcl.settings import RenderSettings
 
 SIZE = 129

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.maps import _maps
-from splatcl.oracle.rays import (
+from splatcl.oracle.geometry.ellipse_maps import _maps
+from splatcl.oracle.geometry.rays import (
     CLEAR,
     EDGE_ON,
     NOTHING,

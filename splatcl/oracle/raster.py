@@ -7,10 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.discs import _Discs, _discs, _Hits, _intersect
-from splatcl.oracle.ellipses import _Cover, _Ellipses, _ellipses, _within
-from splatcl.oracle.project import ProjectedSplats
-from splatcl.oracle.rays import (
+from splatcl.oracle.geometry.discs import _Discs, _discs, _Hits, _intersect
+from splatcl.oracle.geometry.ellipses import _Cover, _Ellipses, _ellipses, _within
+from splatcl.oracle.geometry.rays import (
     NO_SPLAT,
     OFFSET_ERROR,
     TINY,
@@ -22,6 +21,7 @@ from splatcl.oracle.rays import (
     _raster,
     _ray_length,
 )
+from splatcl.oracle.project import ProjectedSplats
 from splatcl.oracle.shade import shade_points
 from splatcl.settings import RenderSettings
 

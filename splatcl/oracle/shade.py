@@ -9,8 +9,8 @@ import numpy as np
 from splatcl.camera import Camera
 from splatcl.errors import SettingsError
 from splatcl.lights import Light
+from splatcl.oracle.geometry.rays import Array, _image, _normalize, _ray_length, _rays
 from splatcl.oracle.lightmap import lightmap
-from splatcl.oracle.rays import Array, _image, _normalize, _ray_length, _rays
 from splatcl.oracle.shadow import Shadows, lookup
 from splatcl.settings import RenderSettings
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.rays import Array
+from splatcl.oracle.geometry.rays import Array
 
 if TYPE_CHECKING:
     from splatcl.oracle.raster import DepthBuffer

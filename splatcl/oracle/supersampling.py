@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.rays import NO_SPLAT, Array, _normalize
+from splatcl.oracle.geometry.rays import NO_SPLAT, Array, _normalize
 
 
 def enlarged(camera: Camera, n: int) -> Camera:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.rays import CLEAR, NOTHING, TINY, UNIT, Array, _range_margin, _raster
+from splatcl.oracle.geometry.rays import CLEAR, NOTHING, TINY, UNIT, Array, _range_margin, _raster
 from splatcl.settings import RenderSettings
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcl.camera import Camera
+from splatcl.oracle.geometry.rays import EDGE_ON, OFFSET_ERROR, TINY, UNIT, Array, _cosine, _range_margin, _s_center
 from splatcl.oracle.project import ProjectedSplats
-from splatcl.oracle.rays import EDGE_ON, OFFSET_ERROR, TINY, UNIT, Array, _cosine, _range_margin, _s_center
 
 
 @dataclass(frozen=True, eq=False)
