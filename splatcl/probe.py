@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl import oracle
 from splatcl.camera import Camera
 from splatcl.errors import SplatclError
 from splatcl.frame import Frame
+from splatcl.oracle.project import project
 from splatcl.probe_pass import ACCEPTED, CUT, EDGE_ON, EXISTS, HIT, MISSED, OUT, REACH, UNSEEN, at_pixel
 from splatcl.render import Resident
 from splatcl.settings import RenderSettings
@@ -221,7 +221,7 @@ def _margins(
     if not num:
         return []
     settings = replace(settings, circular=False)  # the resident's splats are circles already
-    projected = oracle.project(resident.splats.take(ids), camera, settings)
+    projected = project(resident.splats.take(ids), camera, settings)
     ray = ((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, 1.0)
     one = np.zeros(1, np.int64)
     pairs = Pairs(one, one, np.arange(num), np.zeros(num, np.int64), np.tile(ray, (num, 1)))

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl import envelope as host
-from splatcl import oracle, uncertainty
+from splatcl import uncertainty
 from splatcl.camera import Camera
 from splatcl.errors import DeviceError
 from splatcl.nearby import VALUES, NearbySplats, nearby, upload
+from splatcl.oracle.geometry.rays import OFFSET_ERROR
 from splatcl.passes import PIXEL_GROUP, Passes
 from splatcl.pipeline import fragment_arguments
 from splatcl.render import Renderer, Resident
@@ -107,7 +108,7 @@ def _run_margin(passes: Passes, view: Any, band: NearbySplats, epsilon: float, o
         size, group, region = size * TILE**2, PIXEL_GROUP, 1
     passes.run(
         "margin", (size,), view, band.records, band.tile_begin, band.first_tile, band.first_entry, passes.tiles_x,
-        oracle.OFFSET_ERROR, float(epsilon), passes.settings.along == "ray", *outputs, group=group, REGION=region,
+        OFFSET_ERROR, float(epsilon), passes.settings.along == "ray", *outputs, group=group, REGION=region,
         CENTER_LOW=0,
     )  # fmt: skip
 

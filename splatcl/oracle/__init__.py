@@ -36,57 +36,17 @@ from collections.abc import Mapping
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.geometry.discs import _discs, _Hits, _intersect, _out_of_range
-from splatcl.oracle.geometry.ellipse_maps import _maps
-from splatcl.oracle.geometry.ellipses import _Cover, _ellipses, _within
-from splatcl.oracle.geometry.rays import EDGE_ON, NO_SPLAT, NOTHING, OFFSET_ERROR, TINY, UNIT, Array, _ray_length, _rays
-from splatcl.oracle.light_view import shadow_maps
-from splatcl.oracle.lightmap import gathered
-from splatcl.oracle.project import ProjectedSplats, _disc_bounds, bin, project
-from splatcl.oracle.raster import DepthBuffer, GBuffer, _Raster, _weight, attributes, visibility
+from splatcl.oracle.attributes import attributes
+from splatcl.oracle.buffers import Array
+from splatcl.oracle.project import project
 from splatcl.oracle.shade import shade
-from splatcl.oracle.shadow import lookup
+from splatcl.oracle.shadow import shadow_maps
 from splatcl.oracle.supersampling import averaged, enlarged
+from splatcl.oracle.visibility import visibility
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
-__all__ = [
-    "EDGE_ON",
-    "NOTHING",
-    "NO_SPLAT",
-    "OFFSET_ERROR",
-    "TINY",
-    "UNIT",
-    "DepthBuffer",
-    "GBuffer",
-    "ProjectedSplats",
-    "_Cover",
-    "_Hits",
-    "_Raster",
-    "_disc_bounds",
-    "_discs",
-    "_ellipses",
-    "_intersect",
-    "_maps",
-    "_out_of_range",
-    "_ray_length",
-    "_rays",
-    "_weight",
-    "_within",
-    "attributes",
-    "auto_epsilon",
-    "averaged",
-    "bin",
-    "enlarged",
-    "gathered",
-    "lookup",
-    "passes",
-    "project",
-    "render",
-    "shade",
-    "shadow_maps",
-    "visibility",
-]
+__all__ = ["auto_epsilon", "passes", "render"]
 
 
 def auto_epsilon(splats: Splats) -> float:

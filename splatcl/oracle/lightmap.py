@@ -6,7 +6,8 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.lights import Light
-from splatcl.oracle.geometry.rays import Array, _normalize
+from splatcl.oracle.buffers import Array
+from splatcl.oracle.geometry.rays import _normalize
 from splatcl.settings import RenderSettings
 
 SIZE = 129

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.errors import SettingsError
 from splatcl.lights import Light
-from splatcl.oracle.geometry.rays import Array, _image, _normalize, _ray_length, _rays
+from splatcl.oracle.buffers import Array, DepthBuffer, GBuffer, Shadows
+from splatcl.oracle.geometry.rays import _image, _normalize, _ray_length, _rays
 from splatcl.oracle.lightmap import lightmap
-from splatcl.oracle.shadow import Shadows, lookup
+from splatcl.oracle.shadow import lookup
 from splatcl.settings import RenderSettings
-
-if TYPE_CHECKING:
-    from splatcl.oracle.raster import DepthBuffer, GBuffer
 
 
 def shade(

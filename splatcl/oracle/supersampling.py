@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.geometry.rays import NO_SPLAT, Array, _normalize
+from splatcl.oracle.buffers import NO_SPLAT, Array
+from splatcl.oracle.geometry.rays import _normalize
 
 
 def enlarged(camera: Camera, n: int) -> Camera:

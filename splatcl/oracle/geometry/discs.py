@@ -7,8 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.geometry.rays import EDGE_ON, OFFSET_ERROR, TINY, UNIT, Array, _cosine, _range_margin, _s_center
-from splatcl.oracle.project import ProjectedSplats
+from splatcl.oracle.buffers import Array, ProjectedSplats
+from splatcl.oracle.geometry.rays import (
+    CLEAR,
+    EDGE_ON,
+    OFFSET_ERROR,
+    TINY,
+    UNIT,
+    _cosine,
+    _range_margin,
+    _raster,
+    _s_center,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,3 +137,26 @@ def _clip(discs: _Discs, camera: Camera, s: Array) -> tuple[Array, Array]:
             kept = kept & (~cuts | (side >= 0))
             margin = np.fmin(margin, np.where(cuts, side / (UNIT * scale), np.inf))
     return kept, margin
+
+
+def disc_bounds(center: Array, t_u: Array, t_v: Array, camera: Camera) -> Array:
+    """(N, 4) bounds of the whole discs' projections, pixels; infinite where one is not clear of the eye plane.
+
+    With t_x = (t_u,x, t_v,x) and t_z alike, the plane x = s z touches the disc where
+    |t_x - s t_z|^2 = (c_x - s c_z)^2, a quadratic in s; the same for y.
+    """
+    t = np.stack([t_u, t_v], axis=-1)  # (N, 3, 2)
+    t_xy, t_z, c_xy, c_z = t[:, :2], t[:, 2:], center[:, :2], center[:, 2:]
+    if camera.projection == "orthographic":
+        half = np.linalg.norm(t_xy, axis=2)
+        low, high = c_xy - half, c_xy + half
+    else:
+        p = (t_z**2).sum(axis=2) - c_z**2  # < 0 where the disc stays clear of the eye plane
+        q = (t_xy * t_z).sum(axis=2) - c_xy * c_z
+        g_yx = t[:, :2, 0] * t[:, 2:, 1] - t[:, :2, 1] * t[:, 2:, 0]
+        root = np.sqrt(np.maximum(((c_z[..., None] * t_xy - c_xy[..., None] * t_z) ** 2).sum(axis=2) - g_yx**2, 0))
+        clear = c_z - np.linalg.norm(t_z, axis=2) > CLEAR * c_z
+        with np.errstate(divide="ignore", invalid="ignore"):
+            low = np.where(clear, (q + root) / p, -np.inf)
+            high = np.where(clear, (q - root) / p, np.inf)
+    return np.concatenate([_raster(low, camera), _raster(high, camera)], axis=1)

@@ -8,7 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from splatcl.camera import Camera
-from splatcl.oracle.geometry.rays import CLEAR, NOTHING, TINY, UNIT, Array, _range_margin, _raster
+from splatcl.oracle.buffers import NOTHING, Array
+from splatcl.oracle.geometry.rays import CLEAR, TINY, UNIT, _range_margin, _raster
 from splatcl.settings import RenderSettings
 
 

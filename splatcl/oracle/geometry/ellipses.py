@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatcl.camera import Camera
+from splatcl.oracle.buffers import Array, ProjectedSplats
 from splatcl.oracle.geometry.discs import _Discs
 from splatcl.oracle.geometry.ellipse_maps import _Maps, _maps
-from splatcl.oracle.geometry.rays import EDGE_ON, UNIT, Array, _cosine, _raster
-from splatcl.oracle.project import ProjectedSplats
+from splatcl.oracle.geometry.rays import EDGE_ON, UNIT, _cosine, _raster
 from splatcl.settings import RenderSettings
 
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from splatcl.camera import Camera
+from splatcl.oracle.buffers import Array
 
-Array = NDArray[Any]
 UNIT = 2.0**-24
 """Half a float32 ulp of 1: the unit of every scale."""
 EDGE_ON = 2.0**-16
@@ -21,9 +19,6 @@ TINY = np.finfo(np.float64).tiny
 """Least scale, so that an exact tie has margin 0 even at z = 0."""
 CLEAR = 1e-4
 """Bounds are infinite for a disc whose least z is not above this share of its centre's."""
-NO_SPLAT = np.uint32(0xFFFFFFFF)
-NOTHING = (np.inf, np.inf, -np.inf, -np.inf)
-"""Bounds that cover nothing."""
 PAIRS_AT_ONCE = 2**18
 """Splat-pixel pairs held in memory together."""
 
