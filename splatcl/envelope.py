@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from splatcl.camera import Camera
 from splatcl.errors import SettingsError
 from splatcl.oracle.buffers import ProjectedSplats
-from splatcl.oracle.geometry.fragments import _weight
+from splatcl.oracle.geometry.fragments import kernel_weight
 from splatcl.oracle.geometry.rays import UNIT
 from splatcl.oracle.project import project
 from splatcl.settings import RenderSettings
@@ -183,7 +183,7 @@ def _pair_weights(f: Fragments, may: _States, settings: RenderSettings, toleranc
     if settings.kernel == "table":
         low, high = _table_range(settings, r_low, r_high)
     else:
-        low, high = _weight(r_high**2, settings), _weight(r_low**2, settings)
+        low, high = kernel_weight(r_high**2, settings), kernel_weight(r_low**2, settings)
     rounding = tolerance * UNIT * (1 + settings.cutoff**2 / 2 + f.scale_factor)
     return low * f.factor * np.maximum(1 - rounding, 0.0), high * np.minimum(f.factor * (1 + rounding), 1 + rounding)
 
@@ -225,7 +225,7 @@ def _table_range(settings: RenderSettings, r_low: Array, r_high: Array) -> tuple
     Those at the ends, and of all samples in between, by overlapping runs of a power of two.
     """
     table = np.array(settings.kernel_table)
-    ends = _weight(r_low**2, settings), _weight(r_high**2, settings)
+    ends = kernel_weight(r_low**2, settings), kernel_weight(r_high**2, settings)
     low, high = np.minimum(*ends), np.maximum(*ends)
     rounding = 0.5 if settings.kernel_lookup == "nearest" else 0.0
     first = np.ceil(r_low * (len(table) - 1) - rounding).astype(np.int64)

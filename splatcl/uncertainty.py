@@ -16,17 +16,17 @@ from numpy.typing import NDArray
 
 from splatcl.camera import Camera
 from splatcl.oracle.buffers import NO_SPLAT, NOTHING, ProjectedSplats
-from splatcl.oracle.geometry.discs import _discs, _Hits, _intersect, _out_of_range, disc_bounds
-from splatcl.oracle.geometry.ellipse_maps import _maps
-from splatcl.oracle.geometry.ellipses import _Cover
-from splatcl.oracle.geometry.fragments import _Raster
-from splatcl.oracle.geometry.rays import OFFSET_ERROR, TINY, UNIT, _ray_length
+from splatcl.oracle.geometry.discs import Discs, Hits, disc_bounds, intersect, out_of_range
+from splatcl.oracle.geometry.ellipse_maps import EllipseMaps
+from splatcl.oracle.geometry.ellipses import Coverage
+from splatcl.oracle.geometry.fragments import Footprints
+from splatcl.oracle.geometry.rays import OFFSET_ERROR, TINY, UNIT, ray_length
 from splatcl.oracle.project import project
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
 
 Array = NDArray[Any]
-Part = TypeVar("Part", _Cover, _Hits)
+Part = TypeVar("Part", Coverage, Hits)
 MAX_MARGIN = 128.0
 """Margins are given up to this many units; what could flip beyond lies outside the pairs evaluated."""
 PAIRS_PER_BAND = 1 << 20
@@ -58,10 +58,10 @@ class Pairs:
 class Fragments:
     """What the oracle's equations say of each pair, (K,) each; margins are signed, in units of 2^-24."""
 
-    disc: _Hits  # of the disc itself, which gives the depth
-    hit: _Cover  # of the visibility pass
-    drawn: _Cover  # of the attribute pass, without the pre-filter "min"; `hit` but for EWA
-    filter: _Cover  # of the pre-filter "min"; margin -inf for none
+    disc: Hits  # of the disc itself, which gives the depth
+    hit: Coverage  # of the visibility pass
+    drawn: Coverage  # of the attribute pass, without the pre-filter "min"; `hit` but for EWA
+    filter: Coverage  # of the pre-filter "min"; margin -inf for none
     center_z: Array
     tolerance: Array  # epsilon along z
     of_ellipses: bool  # a hit's ray may miss the disc; it takes the centre's depth then
@@ -143,28 +143,28 @@ def fragments(
     """Evaluate the oracle's equations at each pair; `offset_error` is that of a projected centre, 2^-24 pixels."""
     own = take(projected, pairs.splat)
     own = replace(own, prefilter_error=np.maximum(own.prefilter_error, offset_error))
-    raster = _Raster.of(own, camera, settings, offset_error)
-    disc = _intersect(raster.discs, camera, pairs.s)
-    hit = drawn = _known(raster.footprint(disc, pairs.s, filtered=False))
+    footprints = Footprints.of(own, camera, settings, offset_error)
+    disc = intersect(footprints.discs, camera, pairs.s)
+    hit = drawn = _known(footprints.coverage(disc, pairs.s, filtered=False))
     nothing = np.zeros(len(pairs.splat))
     factor, scale_factor = nothing + 1, nothing
     if settings.prefilter == "ewa":
-        assert raster.ellipses
-        drawn = _known(raster.footprint(disc, pairs.s, filtered=True))
-        maps = raster.ellipses.maps
-        factor, scale_factor = np.nan_to_num(maps.factor), 8 * (1 + raster.discs.kappa + 1 / maps.rest)
-    absent = _Cover(nothing + np.inf, nothing, nothing, nothing - np.inf)
+        assert footprints.ellipses
+        drawn = _known(footprints.coverage(disc, pairs.s, filtered=True))
+        maps = footprints.ellipses.maps
+        factor, scale_factor = np.nan_to_num(maps.factor), 8 * (1 + footprints.discs.kappa + 1 / maps.rest)
+    absent = Coverage(nothing + np.inf, nothing, nothing, nothing - np.inf)
     tolerance = np.full(len(pairs.splat), epsilon)
     if settings.along == "ray":
-        tolerance /= _ray_length(camera, pairs.s)
+        tolerance /= ray_length(camera, pairs.s)
     return Fragments(
         disc=_known(disc),
         hit=hit,
         drawn=drawn,
-        filter=_known(raster.prefilter(disc, pairs.s)) if settings.prefilter == "min" else absent,
+        filter=_known(footprints.prefilter(disc, pairs.s)) if settings.prefilter == "min" else absent,
         center_z=own.center_eye[:, 2],
         tolerance=tolerance,
-        of_ellipses=raster.ellipses is not None,
+        of_ellipses=footprints.ellipses is not None,
         factor=factor,
         scale_factor=scale_factor,
     )
@@ -233,8 +233,8 @@ def _wide_bounds(projected: ProjectedSplats, camera: Camera, settings: RenderSet
 def _disc_bounds(p: ProjectedSplats, camera: Camera) -> tuple[Array, Array]:
     """(N, 4) bounds of the discs; (N, 1) how far beyond, at most, rounding may let them be hit. Pixels."""
     disc = disc_bounds(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera)
-    disc[_out_of_range(p, camera)] = NOTHING
-    kappa = _discs(p, camera).kappa
+    disc[out_of_range(p, camera)] = NOTHING
+    kappa = Discs.of(p, camera).kappa
     with np.errstate(invalid="ignore"):
         size = (disc[:, 2:] - disc[:, :2]).max(axis=1, initial=0.0)
         slack = np.nan_to_num(size * np.minimum(100.0, MAX_MARGIN * UNIT * (8 + 4 * kappa)), nan=0.0)
@@ -246,8 +246,8 @@ def _ellipse_bounds(p: ProjectedSplats, camera: Camera, settings: RenderSettings
 
     That is not beyond the circles of their long axes.
     """
-    maps = _maps(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera, settings)
-    kappa, unit = _discs(p, camera).kappa, MAX_MARGIN * UNIT
+    maps = EllipseMaps.of(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera, settings)
+    kappa, unit = Discs.of(p, camera).kappa, MAX_MARGIN * UNIT
     bounds = maps.bounds(maps.margin > -MAX_MARGIN)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         half = (bounds[:, 2:] - bounds[:, :2]) / 2

@@ -26,8 +26,8 @@ from tolerances import (
 from splatcl import Splats
 from splatcl.oracle.attributes import attributes
 from splatcl.oracle.buffers import NO_SPLAT
-from splatcl.oracle.geometry.discs import _discs, _intersect
-from splatcl.oracle.geometry.rays import _rays
+from splatcl.oracle.geometry.discs import Discs, intersect
+from splatcl.oracle.geometry.rays import pixel_rays
 from splatcl.oracle.project import project
 from splatcl.oracle.visibility import visibility
 
@@ -44,7 +44,7 @@ def expected(scene_name, camera_name, settings, seed=0):
     projected = project(splats, camera, settings)
     depth = visibility(projected, camera, settings)
     gbuffer = attributes(projected, depth, camera, settings, settings.epsilon, splats.color)
-    hits = _intersect(_discs(projected, camera), camera, _rays(camera)[:, None])
+    hits = intersect(Discs.of(projected, camera), camera, pixel_rays(camera)[:, None])
     front = np.where(depth.particleid == NO_SPLAT, 0, depth.particleid).astype(np.int64)
     scale = np.take_along_axis(hits.scale_z, front.reshape(-1, 1), axis=1).reshape(front.shape)
     return SimpleNamespace(projected=projected, depth=depth, gbuffer=gbuffer, depth_scale=scale)

@@ -9,8 +9,8 @@ from scenes import CAMERAS, extended
 from tolerances import BOX_SLACK, MARGIN_UNITS
 
 from splatcl import Camera, RenderSettings, Splats, oracle
-from splatcl.oracle.geometry.discs import _discs
-from splatcl.oracle.geometry.ellipses import _ellipses, _within
+from splatcl.oracle.geometry.discs import Discs
+from splatcl.oracle.geometry.ellipses import Ellipses, cover
 from splatcl.oracle.project import project
 
 
@@ -70,12 +70,12 @@ def test_conic_footprint_is_the_ray_casts_at_the_contour(renderer):
     splats, camera = extended("random_ellipses", 9), CAMERAS["outside"]
     settings = RenderSettings(0.1, footprint="conic", prefilter="none")
     projected = project(splats, camera, settings)
-    discs = _discs(projected, camera)
-    ellipses = _ellipses(projected, discs, camera, settings)
+    discs = Discs.of(projected, camera)
+    ellipses = Ellipses.of(projected, discs, camera, settings)
     for angle in np.linspace(0, 2 * np.pi, 7):
         rim = projected.center_eye + np.cos(angle) * projected.tangent_u_eye + np.sin(angle) * projected.tangent_v_eye
         s = np.concatenate([rim[:, :2] / rim[:, 2:], np.ones((len(rim), 1))], axis=1)
-        r_squared = _within(ellipses, False, camera, s).r_squared
+        r_squared = cover(ellipses, False, camera, s).r_squared
         good = ellipses.usable & (discs.kappa < 1e3)
         np.testing.assert_allclose(r_squared[good], 1.0, atol=1e-9)
     conic = renderer.render(splats, camera, settings)

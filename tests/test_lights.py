@@ -15,7 +15,7 @@ from splatcl import Camera, Light, Material, RenderSettings
 from splatcl.cli import MISTAKE
 from splatcl.errors import SettingsError
 from splatcl.lights import environment_lights
-from splatcl.oracle.lightmap import gathered
+from splatcl.oracle.lightmap import light_sums
 
 __all__ = ["stub"]  # a fixture
 TWO = (Light("directional", (0.3, 2.0, 1.5)), Light("headlight", color=(0.3, 0.2, 0.1)))
@@ -121,7 +121,7 @@ def test_an_even_environment_lights_every_normal_alike():
     normal = np.random.default_rng(0).normal(size=(50, 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     camera = Camera(np.eye(4), 1, 1, 0, 0, 1, 1)
-    diffuse, _ = gathered(normal, camera, RenderSettings(lights=lights))
+    diffuse, _ = light_sums(normal, camera, RenderSettings(lights=lights))
     np.testing.assert_allclose(diffuse, 1.0, atol=ENVIRONMENT)
 
 

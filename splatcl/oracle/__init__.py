@@ -19,7 +19,7 @@ rounding error is 2^-24 e_i), den = g.s / g.s_c, A = a / g.s_c, B = b / g.s_c an
 - facing (cos = n.c / |c|, n_z if orthographic) and edge-on (|cos| - 2^-16):  scale
   4 |t_u| |t_v| / |t_u x t_v|;
 - a clip line's a u + b v + c >= 0:  times den as r3, of the same scale;
-- r <= 1 in an ellipse (splatcl/oracle/geometry/ellipses.py):  the scale of `_within`; that a conic one exists:
+- r <= 1 in an ellipse (splatcl/oracle/geometry/ellipses.py):  the scale of `cover`; that a conic one exists:
   4 (|z| + reach);
 
 kappa = max(|t_u|, |t_v|)^2 / |t_u x t_v| / |cos| is the relative error of g.s_c (of a circle, 1/|cos|).

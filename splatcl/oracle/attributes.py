@@ -6,8 +6,8 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.oracle.buffers import NO_SPLAT, Array, DepthBuffer, GBuffer, ProjectedSplats
-from splatcl.oracle.geometry.fragments import _Fragments, _Raster
-from splatcl.oracle.geometry.rays import UNIT, _chunks, _image, _normalize, _ray_length
+from splatcl.oracle.geometry.fragments import Footprints, Fragments
+from splatcl.oracle.geometry.rays import UNIT, as_image, normalize, pixel_chunks, ray_length
 from splatcl.oracle.shade import shade_points
 from splatcl.settings import RenderSettings
 
@@ -32,19 +32,19 @@ def attributes(
     sums = np.zeros((num_pixels, 8 + channels.shape[1]))  # w, w color, w normal, w channels, w z
     count = np.zeros(num_pixels, np.uint32)
     margin = np.full(num_pixels, np.inf)
-    raster = _Raster.of(projected, camera, settings)
+    footprints = Footprints.of(projected, camera, settings)
     color = color.astype(np.float64)
     if settings.shading == "splat":
         color = shade_points(projected.center_eye, projected.normal_eye, color, camera, settings, gloss)
-    for pixels, s in _chunks(camera, num):
-        f = raster.drawn(s[:, None])
+    for pixels, s in pixel_chunks(camera, num):
+        f = footprints.attribute_fragments(s[:, None])
         exists = f.r_squared <= 1
         tolerance = np.full((len(s), 1), epsilon)
         if settings.along == "ray":
-            tolerance /= _ray_length(camera, s)[:, None]
+            tolerance /= ray_length(camera, s)[:, None]
         limit = depth.depth.reshape(-1, 1)[pixels] + tolerance
         accepted = exists & (f.z <= limit)
-        weight = np.where(accepted, raster.weight(f), 0.0)
+        weight = np.where(accepted, footprints.weight(f), 0.0)
         z = np.where(accepted, f.z, 0.0)
         normal = _fragment_normals(projected, f, settings)
         colors = np.broadcast_to(color, (len(s), num, 3))
@@ -62,15 +62,15 @@ def attributes(
         depth_margin = np.where(exists, depth_margin, np.inf)
         margin[pixels] = np.minimum(f.margin, depth_margin).min(axis=1)
     columns = (sums[:, 0], sums[:, 1:4], sums[:, 4:7], sums[:, -1], count, margin, sums[:, 7:-1])
-    return GBuffer(*(_image(column, camera) for column in columns))
+    return GBuffer(*(as_image(column, camera) for column in columns))
 
 
-def _fragment_normals(projected: ProjectedSplats, f: _Fragments, settings: RenderSettings) -> Array:
+def _fragment_normals(projected: ProjectedSplats, f: Fragments, settings: RenderSettings) -> Array:
     """(P, N, 3) or (N, 3) unit normals, eye space: of the field where the ray meets the disc, else the centre's."""
     if settings.normals == "constant":
         return projected.normal_eye
     u, v = (np.where(f.disc, x, 0.0)[..., None] for x in (f.u, f.v))
-    return _normalize(projected.normal_eye + u * projected.field_u + v * projected.field_v)
+    return normalize(projected.normal_eye + u * projected.field_u + v * projected.field_v)
 
 
 def _points(s: Array, z: Array, camera: Camera) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from splatcl.camera import Camera
 from splatcl.lights import Light
 from splatcl.oracle.buffers import Array
-from splatcl.oracle.geometry.rays import _normalize
+from splatcl.oracle.geometry.rays import normalize
 from splatcl.settings import RenderSettings
 
 SIZE = 129
@@ -17,12 +17,12 @@ SIZE = 129
 def lightmap(normal: Array, to_eye: Array, camera: Camera, settings: RenderSettings) -> tuple[Array, Array]:
     """(..., 3) the light that arrives at `normal`, and that which is mirrored `to_eye`; unit vectors (..., 3)."""
     grid = np.linspace(-1, 1, SIZE)
-    diffuse, specular = gathered(_direction(np.stack(np.meshgrid(grid, grid), axis=-1)), camera, settings)
+    diffuse, specular = light_sums(_direction(np.stack(np.meshgrid(grid, grid), axis=-1)), camera, settings)
     mirrored = 2 * (normal * to_eye).sum(axis=-1, keepdims=True) * normal - to_eye
     return _bilinear(diffuse, normal), _bilinear(specular, mirrored)
 
 
-def gathered(direction: Array, camera: Camera, settings: RenderSettings) -> tuple[Array, Array]:
+def light_sums(direction: Array, camera: Camera, settings: RenderSettings) -> tuple[Array, Array]:
     """(..., 3) sum L max(d.L, 0) and sum L (d.L)^shininess over d.L > 0, of unit eye-space directions (..., 3)."""
     diffuse, specular = np.zeros(direction.shape), np.zeros(direction.shape)
     for light in settings.lights:
@@ -35,13 +35,13 @@ def gathered(direction: Array, camera: Camera, settings: RenderSettings) -> tupl
 def _toward(light: Light, camera: Camera) -> Array:
     if light.kind == "headlight":
         return np.array([0.0, 0.0, -1.0])
-    return _normalize(camera.eye_from_world[:3, :3] @ light.vector)
+    return normalize(camera.eye_from_world[:3, :3] @ light.vector)
 
 
 def _direction(place: Array) -> Array:
     """(..., 3) unit vectors of places (..., 2) on the square: z < 0 within |x| + |y| < 1, the rest folded out."""
     z = np.abs(place).sum(axis=-1, keepdims=True) - 1
-    return _normalize(np.concatenate([np.where(z > 0, _folded(place), place), z], axis=-1))
+    return normalize(np.concatenate([np.where(z > 0, _folded(place), place), z], axis=-1))
 
 
 def _place(direction: Array) -> Array:

@@ -7,17 +7,17 @@ import numpy as np
 from splatcl.camera import Camera
 from splatcl.oracle.buffers import NOTHING, Array, ProjectedSplats
 from splatcl.oracle.geometry.discs import disc_bounds
-from splatcl.oracle.geometry.ellipse_maps import _maps
+from splatcl.oracle.geometry.ellipse_maps import EllipseMaps
 from splatcl.oracle.geometry.rays import (
     EDGE_ON,
     OFFSET_ERROR,
     TINY,
     UNIT,
-    _cosine,
-    _normalize,
-    _range_margin,
-    _raster,
-    _s_center,
+    facing_cosine,
+    normalize,
+    range_margin,
+    to_image_plane,
+    to_raster,
 )
 from splatcl.settings import RenderSettings
 from splatcl.splats import Splats
@@ -32,8 +32,8 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
     t_v = splats.tangent_v.astype(np.float64) @ rotation.T
     if settings.circular:
         t_u, t_v = _circles(t_u, t_v)
-    normal = _normalize(np.cross(t_u, t_v))
-    cosine, cosine_scale = _cosine(center, t_u, t_v, camera)
+    normal = normalize(np.cross(t_u, t_v))
+    cosine, cosine_scale = facing_cosine(center, t_u, t_v, camera)
     away = cosine >= 0
     culled = away & (facing == "cull")
     if facing == "flip":
@@ -48,7 +48,7 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
 
     disc = disc_bounds(center, t_u, t_v, camera)
     point, error = _prefilter_point(center, t_u, t_v, disc, camera, settings)
-    present = _range_margin(center[:, 2], np.abs(center[:, 2]) + TINY, camera)
+    present = range_margin(center[:, 2], np.abs(center[:, 2]) + TINY, camera)
     present[(settings.prefilter != "min") | np.isnan(point).any(axis=1)] = -np.inf
     covered = _covered(center, t_u, t_v, disc, camera, settings)
     covered[np.abs(cosine) <= EDGE_ON] = NOTHING
@@ -57,7 +57,7 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
     bounds = np.hstack([np.minimum(covered, square)[:, :2], np.maximum(covered, square)[:, 2:]])
     bounds[culled] = NOTHING
     hidden = (center[:, 2:] <= 0) & (camera.projection == "perspective")
-    center_raster = np.where(hidden, np.nan, _raster(_s_center(center, camera), camera))
+    center_raster = np.where(hidden, np.nan, to_raster(to_image_plane(center, camera), camera))
     return ProjectedSplats(
         center, t_u, t_v, normal, center_raster, bounds, culled, facing_margin, point, error, present,
         field_u, field_v, clip,
@@ -67,7 +67,7 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
 def _covered(center: Array, t_u: Array, t_v: Array, disc: Array, camera: Camera, settings: RenderSettings) -> Array:
     """(N, 4) bounds of the footprints, low-pass filter included: of the discs, or of their ellipses."""
     if settings.footprint != "raycast":
-        maps = _maps(center, t_u, t_v, camera, settings)
+        maps = EllipseMaps.of(center, t_u, t_v, camera, settings)
         return maps.bounds(maps.exists)
     reach = np.hypot(t_u[:, 2], t_v[:, 2])
     unseen = (center[:, 2] + reach < camera.near) | (center[:, 2] - reach > camera.far)
@@ -77,8 +77,8 @@ def _covered(center: Array, t_u: Array, t_v: Array, disc: Array, camera: Camera,
 def _circles(t_u: Array, t_v: Array) -> tuple[Array, Array]:
     """Return tangents of the circle about each disc, of its longer axis' radius; u keeps its direction."""
     radius = np.maximum(np.linalg.norm(t_u, axis=1), np.linalg.norm(t_v, axis=1))[:, None]
-    u = _normalize(t_u)
-    return radius * u, radius * np.cross(_normalize(np.cross(t_u, t_v)), u)
+    u = normalize(t_u)
+    return radius * u, radius * np.cross(normalize(np.cross(t_u, t_v)), u)
 
 
 def _field(values: Array | None, rotation: Array, settings: RenderSettings, normal: Array) -> Array:
@@ -92,7 +92,7 @@ def _prefilter_point(
     center: Array, t_u: Array, t_v: Array, disc: Array, camera: Camera, settings: RenderSettings
 ) -> tuple[Array, Array]:
     """(N, 2) the projected centre, or the bounds' (NaN if infinite); (N,) its error, 2^-24 pixels."""
-    raster = _raster(_s_center(center, camera), camera)
+    raster = to_raster(to_image_plane(center, camera), camera)
     error = np.full(len(center), OFFSET_ERROR)
     if settings.prefilter_center == "projected":
         return raster, error

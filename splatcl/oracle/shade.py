@@ -8,7 +8,7 @@ from splatcl.camera import Camera
 from splatcl.errors import SettingsError
 from splatcl.lights import Light
 from splatcl.oracle.buffers import Array, DepthBuffer, GBuffer, Shadows
-from splatcl.oracle.geometry.rays import _image, _normalize, _ray_length, _rays
+from splatcl.oracle.geometry.rays import as_image, normalize, pixel_rays, ray_length
 from splatcl.oracle.lightmap import lightmap
 from splatcl.oracle.shadow import lookup
 from splatcl.settings import RenderSettings
@@ -34,12 +34,12 @@ def shade(
         `color` (H, W, 4) linear RGBA; `P`, `N` (H, W, 3) eye space; `albedo` (H, W, 3);
         `depth.mean`, `depth.distance` (H, W) scene units, +inf where there is nothing.
     """
-    s = _image(_rays(camera), camera)
+    s = as_image(pixel_rays(camera), camera)
     covered = gbuffer.weight_sum > 0
     weight_sum = np.where(covered, gbuffer.weight_sum, 1.0)
     mean = np.where(covered, gbuffer.depth_sum / weight_sum, np.inf)
     albedo = gbuffer.color_sum / weight_sum[..., None]
-    normal = _normalize(gbuffer.normal_sum)
+    normal = normalize(gbuffer.normal_sum)
     z = np.where(np.isfinite(depth.depth), depth.depth, mean)
     z_covered = np.where(covered, z, 0.0)[..., None]
     if camera.projection == "perspective":
@@ -52,7 +52,7 @@ def shade(
         "N": normal,
         "albedo": albedo,
         "depth.mean": mean,
-        "depth.distance": z * _ray_length(camera, s),
+        "depth.distance": z * ray_length(camera, s),
     }
 
 
@@ -149,7 +149,7 @@ def _to_eye(position: Array, camera: Camera) -> Array:
     """(..., 3) unit."""
     if camera.projection == "orthographic":
         return np.broadcast_to([0.0, 0.0, -1.0], position.shape)
-    return _normalize(-position)
+    return normalize(-position)
 
 
 def _from_lightmap(
@@ -206,14 +206,14 @@ def _to_light(light: Light, position: Array, to_eye: Array, camera: Camera) -> A
         return to_eye
     vector = camera.eye_from_world[:3, :3] @ light.vector
     if light.kind == "directional":
-        return np.broadcast_to(_normalize(vector), position.shape)
-    return _normalize(vector + camera.eye_from_world[:3, 3] - position)
+        return np.broadcast_to(normalize(vector), position.shape)
+    return normalize(vector + camera.eye_from_world[:3, 3] - position)
 
 
 def _cone(light: Light, to_light: Array, camera: Camera) -> Array:
     """(..., 1) how much of a spot's light goes this way: linear in the cosine between its two angles."""
     if light.kind != "spot":
         return np.ones((*to_light.shape[:-1], 1))
-    direction = _normalize(camera.eye_from_world[:3, :3] @ light.direction)
+    direction = normalize(camera.eye_from_world[:3, :3] @ light.direction)
     inner, outer = np.cos(np.radians([light.inner, light.outer]))
     return np.clip(((-to_light @ direction)[..., None] - outer) / max(inner - outer, 1e-30), 0.0, 1.0)

@@ -9,7 +9,7 @@ import numpy as np
 from splatcl.camera import Camera
 from splatcl.lights import Light
 from splatcl.oracle.buffers import Array, ShadowMap, Shadows
-from splatcl.oracle.geometry.rays import _normalize
+from splatcl.oracle.geometry.rays import normalize
 from splatcl.oracle.project import project
 from splatcl.oracle.visibility import visibility
 from splatcl.settings import RenderSettings
@@ -97,7 +97,7 @@ def _light_camera(light: Light, center: Array, radius: float) -> Camera:
 
 def _pose(forward: Array, position: Array) -> Array:
     """(4, 4) eye_from_world: z is forward, x is at right angles to the world axis that z is least along."""
-    z = _normalize(forward)
-    x = _normalize(np.cross(np.eye(3)[np.abs(z).argmin()], z))
+    z = normalize(forward)
+    x = normalize(np.cross(np.eye(3)[np.abs(z).argmin()], z))
     rotation = np.stack([x, np.cross(z, x), z])
     return np.block([[rotation, -(rotation @ position)[:, None]], [np.zeros(3), 1.0]])

@@ -9,7 +9,7 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.oracle.buffers import NO_SPLAT, Array
-from splatcl.oracle.geometry.rays import _normalize
+from splatcl.oracle.geometry.rays import normalize
 
 
 def enlarged(camera: Camera, n: int) -> Camera:
@@ -39,7 +39,7 @@ def _average(name: str, samples: Mapping[str, Array]) -> Array:
         there = np.isfinite(values)
         return np.where(there.any(axis=2), _mean(values, there), np.inf)
     mean = _mean(values, samples["weight"] > 0)
-    return _normalize(mean) if name == "N" else mean
+    return normalize(mean) if name == "N" else mean
 
 
 def _samples(image: Array, n: int) -> Array:

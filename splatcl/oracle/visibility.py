@@ -6,8 +6,8 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.oracle.buffers import NO_SPLAT, DepthBuffer, ProjectedSplats
-from splatcl.oracle.geometry.fragments import _Raster
-from splatcl.oracle.geometry.rays import UNIT, _chunks, _image
+from splatcl.oracle.geometry.fragments import Footprints
+from splatcl.oracle.geometry.rays import UNIT, as_image, pixel_chunks
 from splatcl.settings import RenderSettings
 
 
@@ -19,9 +19,9 @@ def visibility(projected: ProjectedSplats, camera: Camera, settings: RenderSetti
     num_pixels = camera.height * camera.width
     depth, margin, id_margin = (np.full(num_pixels, np.inf) for _ in range(3))
     particleid = np.full(num_pixels, NO_SPLAT)
-    raster = _Raster.of(projected, camera, settings)
-    for pixels, s in _chunks(camera, len(projected.center_eye)):
-        f = raster.covered(s[:, None])
+    footprints = Footprints.of(projected, camera, settings)
+    for pixels, s in pixel_chunks(camera, len(projected.center_eye)):
+        f = footprints.visibility_fragments(s[:, None])
         z = np.where(f.r_squared <= 1, f.z, np.inf)
         front = z.argmin(axis=1, keepdims=True)
         nearest = np.take_along_axis(z, front, axis=1)
@@ -34,4 +34,4 @@ def visibility(projected: ProjectedSplats, camera: Camera, settings: RenderSetti
         np.put_along_axis(gap, front, np.inf, axis=1)
         id_margin[pixels] = gap.min(axis=1)
     buffers = (depth, particleid, np.minimum(margin, id_margin), margin)
-    return DepthBuffer(*(_image(buffer, camera) for buffer in buffers))
+    return DepthBuffer(*(as_image(buffer, camera) for buffer in buffers))

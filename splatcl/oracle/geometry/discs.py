@@ -14,15 +14,15 @@ from splatcl.oracle.geometry.rays import (
     OFFSET_ERROR,
     TINY,
     UNIT,
-    _cosine,
-    _range_margin,
-    _raster,
-    _s_center,
+    facing_cosine,
+    range_margin,
+    to_image_plane,
+    to_raster,
 )
 
 
 @dataclass(frozen=True, eq=False)
-class _Discs:
+class Discs:
     """Per splat: u = U.s / D.s, v = V.s / D.s, z = Z.s / D.s at the pixel s; D.s > 0 where z has its sign."""
 
     forms: Array  # (4, 3, N): U, V, Z, D
@@ -34,9 +34,40 @@ class _Discs:
     clips: Array  # (2, 3, N): a splat's clip line keeps where the form in s is >= 0; zeros for no line
     offset_error: float = OFFSET_ERROR  # of a pixel's offset from the projected centre, 2^-24 pixels
 
+    @classmethod
+    def of(cls, projected: ProjectedSplats, camera: Camera) -> Discs:
+        """Write the intersection as quotients of linear forms in s.
+
+        Perspective: c + u t_u + v t_v = z s gives u = a.s/g.s, v = b.s/g.s, z = c.g/g.s with a = t_v x c,
+        b = c x t_u, g = t_u x t_v. Orthographic: the same with the ray (s_x, s_y, 0) + z (0, 0, 1), that is with
+        c - (s_x, s_y, 0) for c and (0, 0, 1) for the direction.
+        """
+        c, t_u, t_v = projected.center_eye, projected.tangent_u_eye, projected.tangent_v_eye
+        a, b, g = np.cross(t_v, c), np.cross(c, t_u), np.cross(t_u, t_v)
+        zero, c_g = np.zeros(len(c)), (c * g).sum(axis=1)
+        if camera.projection == "perspective":
+            forms = np.stack([a.T, b.T, [zero, zero, c_g], g.T]) * np.sign(c_g)
+        else:
+            form_u, form_v = [t_v[:, 1], -t_v[:, 0], a[:, 2]], [-t_u[:, 1], t_u[:, 0], b[:, 2]]
+            form_z, form_d = [-g[:, 0], -g[:, 1], c_g], [zero, zero, g[:, 2]]
+            forms = np.stack([form_u, form_v, form_z, form_d]) * np.sign(g[:, 2])
+        cosine, cosine_scale = facing_cosine(c, t_u, t_v, camera)
+        cosine = np.abs(cosine)
+        longest = np.maximum((t_u**2).sum(axis=1), (t_v**2).sum(axis=1))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            d_center = np.abs(c_g / c[:, 2]) if camera.projection == "perspective" else np.abs(g[:, 2])
+            kappa = longest / np.linalg.norm(g, axis=1) / cosine
+        usable_margin = np.minimum((cosine - EDGE_ON) / (UNIT * cosine_scale), projected.facing_margin)
+        usable_margin[out_of_range(projected, camera)] = -np.inf
+        usable = (cosine > EDGE_ON) & ~projected.culled
+        clips = np.einsum("nlk,kjn->ljn", projected.clip, forms[[0, 1, 3]])
+        constant = np.stack([zero, zero, np.ones(len(c))])[None] * projected.clip[:, :, 2].T[:, None]
+        clips = np.where(cosine > EDGE_ON, clips, constant)  # edge-on: the side of the centre
+        return cls(forms, to_image_plane(c, camera), d_center, kappa, usable, usable_margin, clips)
+
 
 @dataclass(frozen=True, eq=False)
-class _Hits:
+class Hits:
     """Arrays are (P, N), or (N,) for one pixel each."""
 
     r_squared: Array  # r3^2; +inf where the disc is missed or z is out of range
@@ -51,45 +82,14 @@ class _Hits:
     kept_margin: Array  # signed
 
 
-def _discs(projected: ProjectedSplats, camera: Camera) -> _Discs:
-    """Write the intersection as quotients of linear forms in s.
-
-    Perspective: c + u t_u + v t_v = z s gives u = a.s/g.s, v = b.s/g.s, z = c.g/g.s with a = t_v x c,
-    b = c x t_u, g = t_u x t_v. Orthographic: the same with the ray (s_x, s_y, 0) + z (0, 0, 1), that is with
-    c - (s_x, s_y, 0) for c and (0, 0, 1) for the direction.
-    """
-    c, t_u, t_v = projected.center_eye, projected.tangent_u_eye, projected.tangent_v_eye
-    a, b, g = np.cross(t_v, c), np.cross(c, t_u), np.cross(t_u, t_v)
-    zero, c_g = np.zeros(len(c)), (c * g).sum(axis=1)
-    if camera.projection == "perspective":
-        forms = np.stack([a.T, b.T, [zero, zero, c_g], g.T]) * np.sign(c_g)
-    else:
-        form_u, form_v = [t_v[:, 1], -t_v[:, 0], a[:, 2]], [-t_u[:, 1], t_u[:, 0], b[:, 2]]
-        form_z, form_d = [-g[:, 0], -g[:, 1], c_g], [zero, zero, g[:, 2]]
-        forms = np.stack([form_u, form_v, form_z, form_d]) * np.sign(g[:, 2])
-    cosine, cosine_scale = _cosine(c, t_u, t_v, camera)
-    cosine = np.abs(cosine)
-    longest = np.maximum((t_u**2).sum(axis=1), (t_v**2).sum(axis=1))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        d_center = np.abs(c_g / c[:, 2]) if camera.projection == "perspective" else np.abs(g[:, 2])
-        kappa = longest / np.linalg.norm(g, axis=1) / cosine
-    usable_margin = np.minimum((cosine - EDGE_ON) / (UNIT * cosine_scale), projected.facing_margin)
-    usable_margin[_out_of_range(projected, camera)] = -np.inf
-    usable = (cosine > EDGE_ON) & ~projected.culled
-    clips = np.einsum("nlk,kjn->ljn", projected.clip, forms[[0, 1, 3]])
-    constant = np.stack([zero, zero, np.ones(len(c))])[None] * projected.clip[:, :, 2].T[:, None]
-    clips = np.where(cosine > EDGE_ON, clips, constant)  # edge-on: the side of the centre
-    return _Discs(forms, _s_center(c, camera), d_center, kappa, usable, usable_margin, clips)
-
-
-def _out_of_range(projected: ProjectedSplats, camera: Camera) -> Array:
+def out_of_range(projected: ProjectedSplats, camera: Camera) -> Array:
     """(N,) whether the whole disc is outside [near, far] by over a thousandth of its distance."""
     z, reach = projected.center_eye[:, 2], np.hypot(projected.tangent_u_eye[:, 2], projected.tangent_v_eye[:, 2])
     clearly = 1e-3 * (np.linalg.norm(projected.center_eye, axis=1) + reach)
     return (z + reach + clearly < camera.near) | (z - reach - clearly > camera.far)
 
 
-def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
+def intersect(discs: Discs, camera: Camera, s: Array) -> Hits:
     """Intersect pixels' rays with discs; `s` is (P, 1, 3) for all (N,) discs each, or (N, 3) for one each."""
     s_x, s_y = s[..., 0], s[..., 1]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -106,15 +106,15 @@ def _intersect(discs: _Discs, camera: Camera, s: Array) -> _Hits:
         error_d = discs.d_center + steep * (d_abs[0] * e_x + d_abs[1] * e_y)
         error_z = steep * (z_abs[0] * e_x + z_abs[1] * e_y)
         scale_z = (np.abs(z) * error_d + error_z) / np.abs(d) + TINY
-        margin = np.fmin((d - size) / (UNIT * scale_r), _range_margin(z, scale_z, camera))
+        margin = np.fmin((d - size) / (UNIT * scale_r), range_margin(z, scale_z, camera))
         scale_r /= np.abs(d)
         r = size / np.abs(d)
         margin = np.fmin(np.fmin(margin, discs.usable_margin), kept_margin)
-        return _Hits(r_squared, r, z, scale_z, scale_r, margin, u / d, v / d, kept, kept_margin)
+        return Hits(r_squared, r, z, scale_z, scale_r, margin, u / d, v / d, kept, kept_margin)
 
 
-def _scale(discs: _Discs, camera: Camera, s: Array) -> tuple[Array, Array, Array]:
-    """Scale of den - |(A.s, B.s)| and of a clip line's form, and e_x, e_y that are in it. `s` as for `_intersect`."""
+def _scale(discs: Discs, camera: Camera, s: Array) -> tuple[Array, Array, Array]:
+    """Scale of den - |(A.s, B.s)| and of a clip line's form, and e_x, e_y that are in it. `s` as for `intersect`."""
     e_x = np.abs(s[..., 0] - discs.s_center[:, 0]) + discs.offset_error / camera.fx
     e_y = np.abs(s[..., 1] - discs.s_center[:, 1]) + discs.offset_error / camera.fy
     u_abs, v_abs, _, d_abs = np.abs(discs.forms)
@@ -122,8 +122,8 @@ def _scale(discs: _Discs, camera: Camera, s: Array) -> tuple[Array, Array, Array
     return terms[0] * e_x + terms[1] * e_y + (1 + discs.kappa) * discs.d_center, e_x, e_y
 
 
-def _clip(discs: _Discs, camera: Camera, s: Array) -> tuple[Array, Array]:
-    """Whether the clip lines keep a pixel, and the signed margin of that. `s` as for `_intersect`."""
+def _clip(discs: Discs, camera: Camera, s: Array) -> tuple[Array, Array]:
+    """Whether the clip lines keep a pixel, and the signed margin of that. `s` as for `intersect`."""
     s_x, s_y = s[..., 0], s[..., 1]
     shape = np.broadcast_shapes(s_x.shape, discs.kappa.shape)
     kept, margin = np.ones(shape, bool), np.full(shape, np.inf)
@@ -159,4 +159,4 @@ def disc_bounds(center: Array, t_u: Array, t_v: Array, camera: Camera) -> Array:
         with np.errstate(divide="ignore", invalid="ignore"):
             low = np.where(clear, (q + root) / p, -np.inf)
             high = np.where(clear, (q - root) / p, np.inf)
-    return np.concatenate([_raster(low, camera), _raster(high, camera)], axis=1)
+    return np.concatenate([to_raster(low, camera), to_raster(high, camera)], axis=1)

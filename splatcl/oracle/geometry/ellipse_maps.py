@@ -9,12 +9,12 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.oracle.buffers import NOTHING, Array
-from splatcl.oracle.geometry.rays import CLEAR, TINY, UNIT, _range_margin, _raster
+from splatcl.oracle.geometry.rays import CLEAR, TINY, UNIT, range_margin, to_raster
 from splatcl.settings import RenderSettings
 
 
 @dataclass(frozen=True, eq=False)
-class _Maps:
+class EllipseMaps:
     """Per splat an ellipse of disc coordinates w = M^-1 x, x in pixels from the projected centre.
 
     Its contour is |w|^2 = (1 + g.w)^2: the unit circle where g = 0 (the affine map), the projected disc's where g is
@@ -27,6 +27,32 @@ class _Maps:
     low_pass: float  # cutoff^2 times the low-pass filter's variance, square pixels
     margin: Array  # (N,) signed: the centre's z in [near, far], and a contour that is an ellipse
     exists: Array  # (N,) bool
+
+    @classmethod
+    def of(cls, c: Array, t_u: Array, t_v: Array, camera: Camera, settings: RenderSettings) -> EllipseMaps:
+        """Return each splat's map: the affine one exact at the centre (Heckbert), or that of the projected contour.
+
+        Over the plane's points w = (u, v) den the ray meets the disc where |w| <= den, den = 1 + g.w
+        ([ZRB04] section 3).
+        """
+        t = np.stack([t_u, t_v], axis=-1)  # (N, 3, 2)
+        focal = np.array([camera.fx, camera.fy])
+        g, whole = np.zeros((len(c), 2)), np.full(len(c), np.inf)
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            if camera.projection == "orthographic":
+                center, m = c[:, :2], t[:, :2] * focal[:, None]
+            else:
+                center = c[:, :2] / c[:, 2:]
+                m = (t[:, :2] - center[..., None] * t[:, 2:]) / c[:, 2, None, None] * focal[:, None]
+                if settings.footprint == "conic":
+                    g = -t[:, 2] / c[:, 2:]
+                    reach = np.hypot(t_u[:, 2], t_v[:, 2])
+                    whole = ((1 - CLEAR) * c[:, 2] - reach) / (UNIT * (4 * np.abs(c[:, 2]) + 4 * reach + TINY))
+            in_range = range_margin(c[:, 2], np.abs(c[:, 2]) + TINY, camera)
+            g = np.where((g**2).sum(axis=1, keepdims=True) < 1, g, 0.0)
+        low_pass = (settings.cutoff * settings.prefilter_radius) ** 2 if settings.prefilter == "ewa" else 0.0
+        exists = (in_range >= 0) & (whole > 0)
+        return cls(to_raster(center, camera), m, g, low_pass, np.minimum(in_range, whole), exists)
 
     @cached_property
     def det_m(self) -> Array:
@@ -71,28 +97,3 @@ class _Maps:
             bounds = np.hstack([center - half, center + half])
         bounds[~exist] = NOTHING
         return bounds
-
-
-def _maps(c: Array, t_u: Array, t_v: Array, camera: Camera, settings: RenderSettings) -> _Maps:
-    """Return each splat's map: the affine one exact at the centre (Heckbert), or that of the projected contour.
-
-    Over the plane's points w = (u, v) den the ray meets the disc where |w| <= den, den = 1 + g.w ([ZRB04] section 3).
-    """
-    t = np.stack([t_u, t_v], axis=-1)  # (N, 3, 2)
-    focal = np.array([camera.fx, camera.fy])
-    g, whole = np.zeros((len(c), 2)), np.full(len(c), np.inf)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        if camera.projection == "orthographic":
-            center, m = c[:, :2], t[:, :2] * focal[:, None]
-        else:
-            center = c[:, :2] / c[:, 2:]
-            m = (t[:, :2] - center[..., None] * t[:, 2:]) / c[:, 2, None, None] * focal[:, None]
-            if settings.footprint == "conic":
-                g = -t[:, 2] / c[:, 2:]
-                reach = np.hypot(t_u[:, 2], t_v[:, 2])
-                whole = ((1 - CLEAR) * c[:, 2] - reach) / (UNIT * (4 * np.abs(c[:, 2]) + 4 * reach + TINY))
-        in_range = _range_margin(c[:, 2], np.abs(c[:, 2]) + TINY, camera)
-        g = np.where((g**2).sum(axis=1, keepdims=True) < 1, g, 0.0)
-    low_pass = (settings.cutoff * settings.prefilter_radius) ** 2 if settings.prefilter == "ewa" else 0.0
-    exists = (in_range >= 0) & (whole > 0)
-    return _Maps(_raster(center, camera), m, g, low_pass, np.minimum(in_range, whole), exists)

@@ -8,21 +8,32 @@ import numpy as np
 
 from splatcl.camera import Camera
 from splatcl.oracle.buffers import Array, ProjectedSplats
-from splatcl.oracle.geometry.discs import _Discs
-from splatcl.oracle.geometry.ellipse_maps import _Maps, _maps
-from splatcl.oracle.geometry.rays import EDGE_ON, UNIT, _cosine, _raster
+from splatcl.oracle.geometry.discs import Discs
+from splatcl.oracle.geometry.ellipse_maps import EllipseMaps
+from splatcl.oracle.geometry.rays import EDGE_ON, UNIT, facing_cosine, to_raster
 from splatcl.settings import RenderSettings
 
 
 @dataclass(frozen=True, eq=False)
-class _Ellipses:
+class Ellipses:
     """Per splat the ellipse that it covers."""
 
-    maps: _Maps
+    maps: EllipseMaps
     usable: Array  # (N,) bool
     usable_margin: Array  # (N,) signed
     kappa: Array  # (N,)
     offset_error: float  # of a pixel's offset from the projected centre, 2^-24 pixels
+
+    @classmethod
+    def of(cls, projected: ProjectedSplats, discs: Discs, camera: Camera, settings: RenderSettings) -> Ellipses:
+        """Return each splat's ellipse."""
+        c, t_u, t_v = projected.center_eye, projected.tangent_u_eye, projected.tangent_v_eye
+        maps = EllipseMaps.of(c, t_u, t_v, camera, settings)
+        cosine, cosine_scale = facing_cosine(c, t_u, t_v, camera)
+        edge = (np.abs(cosine) - EDGE_ON) / (UNIT * cosine_scale)
+        margin = np.minimum(np.minimum(maps.margin, edge), projected.facing_margin)
+        usable = maps.exists & (edge > 0) & ~projected.culled
+        return cls(maps, usable, margin, discs.kappa, discs.offset_error)
 
     @property
     def factor(self) -> Array:
@@ -31,7 +42,7 @@ class _Ellipses:
 
 
 @dataclass(frozen=True, eq=False)
-class _Cover:
+class Coverage:
     """Pixels in a splat's footprint or pre-filter; (P, N), or (N,) for one each."""
 
     r_squared: Array  # +inf where a pixel is not in it
@@ -40,19 +51,8 @@ class _Cover:
     margin: Array  # signed: of r <= 1 and all else that it needs
 
 
-def _ellipses(projected: ProjectedSplats, discs: _Discs, camera: Camera, settings: RenderSettings) -> _Ellipses:
-    """Return each splat's ellipse."""
-    c, t_u, t_v = projected.center_eye, projected.tangent_u_eye, projected.tangent_v_eye
-    maps = _maps(c, t_u, t_v, camera, settings)
-    cosine, cosine_scale = _cosine(c, t_u, t_v, camera)
-    edge = (np.abs(cosine) - EDGE_ON) / (UNIT * cosine_scale)
-    margin = np.minimum(np.minimum(maps.margin, edge), projected.facing_margin)
-    usable = maps.exists & (edge > 0) & ~projected.culled
-    return _Ellipses(maps, usable, margin, discs.kappa, discs.offset_error)
-
-
-def _within(ellipses: _Ellipses, filtered: bool, camera: Camera, s: Array) -> _Cover:
-    """Say where pixels are in the ellipse, `filtered` by the low-pass filter or not; `s` as for `_intersect`.
+def cover(ellipses: Ellipses, filtered: bool, camera: Camera, s: Array) -> Coverage:
+    """Say where pixels are in the ellipse, `filtered` by the low-pass filter or not; `s` as for `intersect`.
 
     The scale of r: rounding of x by 2 pixels' 2^-24, of the ellipse's short axis by 1 + kappa (less where the low-pass
     filter widens it), of the products that r is a sum of. What is farther away than the long axis is outside, whatever
@@ -60,7 +60,7 @@ def _within(ellipses: _Ellipses, filtered: bool, camera: Camera, s: Array) -> _C
     """
     maps, error = ellipses.maps, ellipses.offset_error
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        x, y = np.moveaxis(_raster(s, camera) - maps.center - maps.middle, -1, 0)
+        x, y = np.moveaxis(to_raster(s, camera) - maps.center - maps.middle, -1, 0)
         if filtered and maps.low_pass:
             v = maps.filtered
             xx, xy, yy = v[:, 0, 0], v[:, 0, 1], v[:, 1, 1]
@@ -84,4 +84,4 @@ def _within(ellipses: _Ellipses, filtered: bool, camera: Camera, s: Array) -> _C
         margin = np.where(away > 1, np.fmin(margin, (1 - away) / (UNIT * (4 * away + error / size))), margin)
         margin = np.nan_to_num(np.fmin(margin, ellipses.usable_margin), nan=-np.inf)
     r_squared = np.where(ellipses.usable, np.nan_to_num(r_squared, nan=np.inf), np.inf)
-    return _Cover(r_squared, r, scale_r, margin)
+    return Coverage(r_squared, r, scale_r, margin)
