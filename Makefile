@@ -36,7 +36,7 @@ reference-images: $(VENV)/installed-test
 
 # Computes the hashes of splatcl/golden.json again: only after a wanted change of bits.
 golden: $(VENV)/installed-test
-	$(BIN)/python -m splatcl.golden
+	$(BIN)/python -m splatcl.evidence.golden.check
 
 # The golden images on five OpenCL runtimes; writes the table of docs/reproducibility.md.
 runtimes: $(VENV)/installed-test
@@ -49,11 +49,11 @@ contact-sheet: $(VENV)/installed-test
 # Each pass' time against a calibration kernel of the same run, compared with what is stored; about a minute, on a
 # machine that does nothing else (docs/bench.md).
 bench-check: $(VENV)/installed-test
-	$(BIN)/python -m splatcl.bench.guard docs/bench_ratios.json
+	$(BIN)/python -m splatcl.apps.bench.guard docs/bench_ratios.json
 
 # Stores the ratios of now: after a wanted change of speed.
 bench-check-update: $(VENV)/installed-test
-	$(BIN)/python -m splatcl.bench.guard docs/bench_ratios.json --update
+	$(BIN)/python -m splatcl.apps.bench.guard docs/bench_ratios.json --update
 
 $(VENV)/installed: pyproject.toml
 	@echo "Installing splatcl into $(VENV) (about a minute) ..."

@@ -16,8 +16,12 @@ from typing import Any
 
 import pyopencl
 
-from splatcl import Renderer, device, golden, pipeline, program
+from splatcl import Renderer
 from splatcl.errors import DeviceError
+from splatcl.evidence.golden import check as golden
+from splatcl.opencl.device import program
+from splatcl.opencl.device.devices import choose_device
+from splatcl.opencl.passes import bin as bin_pass
 
 WAYS: tuple[dict[str, Any], ...] = (
     {},
@@ -37,7 +41,7 @@ SEEDED = {  # what Oclgrind must report: the kernels' text, and the error in its
 
 def main(command: str, *arguments: str) -> int:
     """Run a command; return the exit status."""
-    pipeline.MIN_CHUNK = pipeline.PLANE_PAD  # several chunks of the few splats
+    bin_pass.MIN_CHUNK = bin_pass.PLANE_PAD  # several chunks of the few splats
     if command == "seed" or "--tiny" in arguments:
         keep_buffers()
     if command == "check":
@@ -68,7 +72,7 @@ def check(file: Path, ways: tuple[dict[str, Any], ...], tiny: bool) -> int:
     start, failures, done = time.monotonic(), 0, []
     for way in ways:
         lanes = way.get("lanes", 1)
-        if lanes > 8 and "rusticl" in device.choose_device().platform.lower():
+        if lanes > 8 and "rusticl" in choose_device().platform.lower():
             print(f"{way}: not tried: rusticl compiles the visibility pass for more than ten minutes")
             continue
         try:
@@ -84,7 +88,7 @@ def check(file: Path, ways: tuple[dict[str, Any], ...], tiny: bool) -> int:
         print(*mismatches, f"{way}: {len(names)} scenes, {len(mismatches)} AOVs differ", sep="\n", flush=True)
         failures += len(mismatches) + explain(renderer, names[0])
         done.append(way)
-    renderer, info = Renderer(**ways[0]), device.choose_device()
+    renderer, info = Renderer(**ways[0]), choose_device()
     result = {
         "version": f"{info.version.strip()}; {info.name}, driver {info.handle.driver_version}",
         "ways": done,

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from splatcl import Camera, Light, Material, RenderSettings, Splats, read, render
-from splatcl.lights import environment_lights
+from splatcl.scene.lights import environment_lights
 
 FOLDER = Path(__file__).parent
 BUNNY = FOLDER.parent / "reference_images" / "scans" / "bunny.pts"

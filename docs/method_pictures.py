@@ -9,7 +9,7 @@ import numpy as np
 import splatcl
 from splatcl import Camera, Light, RenderSettings
 from splatcl.io.png import write_png
-from splatcl.settings import METHODS
+from splatcl.scene.settings import METHODS
 
 DOCS = Path(__file__).parent
 SCAN = DOCS.parent / "reference_images" / "scans" / "bunny.pts"

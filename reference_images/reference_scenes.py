@@ -13,7 +13,7 @@ from scene_files import Scene
 from scene_shapes import discs, fibonacci_sphere, grid, hue, splats, unit
 
 from splatcl import Camera, Light, Material, RenderSettings, Splats, read
-from splatcl.estimate import splats_from_points
+from splatcl.prepare.points import splats_from_points
 
 SCAN = Path(__file__).parent / "scans" / "bunny.pts"
 KEEP_EVERY = 8

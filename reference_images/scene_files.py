@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from splatcl import Camera, Frame, RenderSettings, Splats, read, write
-from splatcl.io.atomic import atomic_path
 from splatcl.io.cameras import camera_from_json, camera_to_json
+from splatcl.util.atomic import atomic_path
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,28 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, KeysView, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.camera import Camera
-from splatcl.errors import FileError, SplatclError
-from splatcl.settings import RenderSettings
+from splatcl.errors import FileError, SettingsError, SplatclError
+from splatcl.io.exr import from_json, read_exr
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
 
 if TYPE_CHECKING:
-    from splatcl.accounting import Check
-    from splatcl.probe import Probe
-    from splatcl.render import Renderer, Resident
-    from splatcl.splats import Splats
+    from splatcl.evidence.accounting import Check
+    from splatcl.evidence.probe_report import Probe
+    from splatcl.opencl.session import Session, UploadedSplats
 
 OUTPUT_FORMATS = (".exr", ".png")
 MARGINS = ("margin", "margin.raw")
 
 
-class Frame:
+class Frame(Mapping[str, NDArray[Any]]):
     """A rendered image: its AOVs by name (docs/specification.md, "AOVs").
 
     ``frame["Z"]`` is (H, W) float32 or uint32, ``frame["N"]`` (H, W, 3) float32, ``frame.color`` (H, W, 4)
@@ -52,7 +52,7 @@ class Frame:
         self.camera = camera
         self.settings = RenderSettings() if settings is None else settings
         self.metadata = dict(metadata or {})
-        self.rendered_from: tuple[Renderer, Splats | Resident] | None = None
+        self.rendered_from: tuple[Session, UploadedSplats] | None = None
         self._added: dict[str, NDArray[Any]] = {}
 
     @property
@@ -94,9 +94,12 @@ class Frame:
     def __len__(self) -> int:
         return len(self.keys())
 
-    def keys(self) -> tuple[str, ...]:
+    __eq__ = object.__eq__  # a Mapping would compare arrays
+    __hash__ = object.__hash__
+
+    def keys(self) -> KeysView[str]:
         """Names of the AOVs."""
-        return tuple(dict.fromkeys((*self._aovs, *self._added)))
+        return dict.fromkeys((*self._aovs, *self._added)).keys()
 
     def save(self, path: str | os.PathLike[str], exposure: float = 0.0) -> None:
         """Write every AOV as OpenEXR (.exr) or the picture as 8-bit sRGB (.png).
@@ -126,16 +129,16 @@ class Frame:
         elif exposure:
             raise SplatclError(f"{path}: exposure is for .png; an .exr holds the linear values")
         else:
-            write_exr(path, self)
+            write_exr(path, self, self.camera, self.settings, self.metadata)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Frame:
         """Read a frame that splatcl wrote as .exr, to look at or to `shade` again; see `splatcl.read_frame`."""
-        from splatcl.io.frames import read_frame
-
         return read_frame(path)
 
-    def shade(self, settings: RenderSettings | None = None, **changes: Any) -> Frame:
+    def shade(
+        self, settings: RenderSettings | None = None, *, renderer: Session | None = None, **changes: Any
+    ) -> Frame:
         """Return this frame lit and shaded anew from its AOVs, without its splats (docs/shaders.md).
 
         A frame of `render` gets the same bits as a fresh render with the same settings, also after it was saved as
@@ -146,6 +149,8 @@ class Frame:
         settings : RenderSettings, optional
             Shader, lights, material and the like are taken from here; the frame's own by default. What is not of
             shading must be as it was for this frame, or as the defaults are.
+        renderer : Renderer, optional
+            Shades on its device; the frame's own renderer by default, or one on the default device.
         **changes
             Fields of `settings` to change, such as ``shader="npr"``.
 
@@ -156,9 +161,14 @@ class Frame:
         SettingsError
             The change needs a new render, or the shader does not compile.
         """
-        from splatcl.relight import relight
+        from splatcl.opencl.relight import relight, shading_settings
+        from splatcl.opencl.session import default_session
 
-        return relight(self, settings, changes)
+        wanted = shading_settings(self.settings, settings, changes)
+        session, casters = self.rendered_from or (default_session(), None)
+        session = renderer or session
+        color, metadata = relight(session, self, self.camera, wanted, self.metadata.get("epsilon"), casters)
+        return self.with_color(color, wanted, metadata)
 
     def with_color(self, color: NDArray[Any], settings: RenderSettings, metadata: dict[str, Any]) -> Frame:
         """Return this frame with other colors, the settings they were made with, and `metadata` added."""
@@ -173,46 +183,50 @@ class Frame:
         The frame keeps its splats for this. `SplatclError` says so where the pixel is outside the image, or the
         frame has none: it was pickled or not rendered.
         """
-        from splatcl.probe import probe
+        from splatcl.evidence.probe import probe
 
-        return probe(self, x, y)
+        session, uploaded = self.origin("probe")
+        return probe(session, uploaded, self.camera, self.settings, self, x, y)
 
     def check(self) -> tuple[Check, ...]:
-        """Render again and account for every splat, record, fragment and colour; see docs/probe.md.
+        """Render again and account for every splat, record, fragment and color; see docs/trust/probe.md.
 
         The results are also put into `metadata["checks"]`. `SplatclError` as for `probe`.
         """
-        from splatcl.accounting import check
+        from splatcl.evidence.accounting import check
 
-        return check(self)
+        session, uploaded = self.origin("check")
+        checks = check(session, uploaded, self.camera, self.settings, self)
+        self.metadata["checks"] = {one.name: one.verdict for one in checks}
+        return checks
 
     def add_margin(self) -> None:
         """Add the AOVs "margin" and "margin.raw": how near each pixel's decisions are to flipping.
 
-        See `splatcl.uncertainty.margin`; `SplatclError` as for `probe`.
+        See `splatcl.evidence.host.margin`; `SplatclError` as for `probe`.
         """
-        from splatcl.uncertainty_pass import margin
+        from splatcl.evidence.margin import margin
 
-        renderer, splats = self.origin("add a margin to")
-        arguments = renderer.resident(splats), self.camera, self.settings, self.metadata["epsilon"]
-        self._added |= dict(zip(MARGINS, renderer.call(margin, *arguments), strict=True))
+        session, uploaded = self.origin("add a margin to")
+        arguments = uploaded, self.camera, self.settings, self.metadata["epsilon"]
+        self._added |= dict(zip(MARGINS, session.call(margin, *arguments), strict=True))
 
     def add_envelope(self, tolerance: float | None = None) -> None:
-        """Add the bounds within which every correct renderer lands: Z.lo, Z.hi, and of weight, albedo and N.
+        """Add the bounds within which every correct renderer lands: Z.lo, Z.hi, and those of weight, albedo and N.
 
-        See `splatcl.envelope.envelope`, also for `tolerance`; `SplatclError` as for `probe`.
+        See `splatcl.evidence.host.envelope`, also for `tolerance`; `SplatclError` as for `probe`.
         """
-        from splatcl.envelope import TOLERANCE
-        from splatcl.uncertainty_pass import envelope
+        from splatcl.evidence.envelope import envelope
+        from splatcl.evidence.host.envelope import TOLERANCE
 
         tolerance = TOLERANCE if tolerance is None else tolerance
-        renderer, splats = self.origin("add an envelope to")
-        arguments = renderer.resident(splats), self.camera, self.settings, self.metadata["epsilon"], tolerance
-        self._added |= renderer.call(envelope, *arguments)
+        session, uploaded = self.origin("add an envelope to")
+        arguments = uploaded, self.camera, self.settings, self.metadata["epsilon"], tolerance
+        self._added |= session.call(envelope, *arguments)
         self.metadata["envelope_tolerance"] = tolerance
 
-    def origin(self, purpose: str) -> tuple[Renderer, Splats | Resident]:
-        """Return the renderer and the splats that the frame was rendered with; `purpose` is what for."""
+    def origin(self, purpose: str) -> tuple[Session, UploadedSplats]:
+        """Return the session and the splats that the frame was rendered with; `purpose` is what for."""
         if self.settings.supersampling > 1:
             raise SplatclError(
                 f"cannot {purpose} a supersampled frame: decisions are made at samples, and its pixels are means of "
@@ -253,3 +267,34 @@ def output_format(path: str | os.PathLike[str]) -> str:
     if suffix not in OUTPUT_FORMATS:
         raise FileError(f"{path}: cannot write {suffix or 'a file without extension'}; use .exr or .png")
     return suffix
+
+
+def read_frame(path: str | os.PathLike[str]) -> Frame:
+    """Read a frame that splatcl wrote.
+
+    Parameters
+    ----------
+    path : path
+        .exr.
+
+    Returns
+    -------
+    Frame
+        AOVs as written (float32, uint32), camera and settings exactly, metadata as JSON has it. It has no splats, so
+        it can be shaded again but not probed.
+
+    Raises
+    ------
+    FileError
+        The file is missing or damaged, not OpenEXR, or not from splatcl.
+    SettingsError
+        Its settings are of another version of splatcl.
+    """
+    aovs, camera, metadata = read_exr(path)
+    if camera is None or "settings" not in metadata:
+        raise FileError(f"{path}: splatcl did not write it: it has no camera and settings; make a Frame of its AOVs")
+    try:
+        settings = from_json(RenderSettings, metadata.pop("settings"))
+    except (SettingsError, TypeError) as error:
+        raise SettingsError(f"{path}: settings of another version of splatcl: {error}") from None
+    return Frame(aovs, camera, settings, metadata)

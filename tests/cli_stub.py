@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import splatcl
-import splatcl.io
 from splatcl import Splats
 from splatcl.cli import main
 from splatcl.frame import Frame
@@ -40,8 +39,8 @@ def stub(monkeypatch, tmp_path):
     StubRenderer.calls = []
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(splatcl, "Renderer", StubRenderer)
-    monkeypatch.setattr(splatcl.io, "read", lambda path, on_invalid="error": SPLATS)
-    monkeypatch.setattr(splatcl.io, "up_axis", lambda path: "z")
+    monkeypatch.setattr("splatcl.io.read.read", lambda path, on_invalid="error": SPLATS)
+    monkeypatch.setattr("splatcl.io.read.up_axis", lambda path: "z")
     return StubRenderer
 
 

@@ -5,7 +5,7 @@ import struct
 import numpy as np
 import tolerances as tol
 
-from splatcl.splats import Splats
+from splatcl.scene.splats import Splats
 
 PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
 FACE = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"

@@ -1,4 +1,4 @@
-"""The pipeline of splatcl.render, pass by pass, with every intermediate read back as arrays."""
+"""The passes of splatcl.render, one by one, with every intermediate read back as arrays."""
 
 from __future__ import annotations
 
@@ -7,10 +7,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from splatcl import oracle, pipeline
-from splatcl.passes import Passes
-from splatcl.pipeline import DepthBuffer, GBuffer
-from splatcl.resident import upload
+from splatcl import oracle
+from splatcl.opencl.passes import bin as bin_pass
+from splatcl.opencl.passes.attributes import attributes
+from splatcl.opencl.passes.project import project
+from splatcl.opencl.passes.shade import resolve, shade
+from splatcl.opencl.passes.visibility import project_and_see
+from splatcl.opencl.state.buffers import Band, DepthBuffer, GBuffer
+from splatcl.opencl.state.context import PassContext, frame_buffers
+from splatcl.opencl.state.upload import upload
+from splatcl.scene.settings import effective_settings
 
 BOX = ("x_min", "y_min", "x_max", "y_max")
 
@@ -27,10 +33,10 @@ class DevicePasses:
     """One frame's passes on one device. Call the methods in the order of the passes."""
 
     def __init__(self, device, splats, camera, settings, tile_size=16):
-        settings = pipeline.effective_settings(settings, splats.oriented)
+        settings = effective_settings(settings, splats.oriented)
         self.epsilon = oracle.auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon
         self.device, self.camera, self.settings = device, camera, settings
-        self.passes = Passes(device, camera, settings, tile_size, settings.precision)
+        self.passes = PassContext(device, camera, settings, tile_size, settings.precision)
         self.splats = upload(device, splats, settings.precision)
         self.view = self.passes.view(self.splats.origin)
 
@@ -39,7 +45,7 @@ class DevicePasses:
 
         Fields of `records` are those of ProjectedSplat, the bounds the ones of the pre-filter as well, and `id`.
         """
-        parts = [self.read(lists) for lists in pipeline.in_order(self.passes, self.splats.num_splats)]
+        parts = [self.read(lists) for lists in bin_pass.in_order(self.passes, self.splats.num_splats)]
         records, attributes = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         drawn = records["x_min"] <= records["x_max"]
         return records[drawn], attributes[drawn]
@@ -47,7 +53,7 @@ class DevicePasses:
     def bin(self):
         """Return `Runs` for each tile in row-major order, and the bands they were made in."""
         runs, bands = [], []
-        for lists in pipeline.bin(self.passes, self.view, self.splats):
+        for lists in bin_pass.bin(self.passes, self.view, self.splats):
             begin = self.device.read(lists.begin_buffer, lists.begin.shape, np.int32)
             np.testing.assert_array_equal(begin, lists.begin)
             read = self.read(lists)
@@ -58,7 +64,7 @@ class DevicePasses:
     def read(self, lists):
         """Return what the projection makes of each entry of the lists."""
         num, read, dtypes = int(lists.begin[-1]), self.device.read, self.passes.dtypes
-        p = pipeline.project(self.passes, self.view, self.splats, lists)
+        p = project(self.passes, self.view, self.splats, lists)
         projected = read(p.records, (num,), dtypes["ProjectedSplat"])
         names = [name for name in projected.dtype.names if name != "pad"]
         records = np.zeros(num, [("id", "u4"), *((name, projected.dtype[name]) for name in names)])
@@ -71,10 +77,10 @@ class DevicePasses:
 
     def raster(self):
         """Run everything up to the attribute pass; return its outputs by the names of the dataclasses' fields."""
-        depth, gbuffer = pipeline.frame_buffers(self.passes)
-        for lists in pipeline.bin(self.passes, self.view, self.splats):
-            projected = pipeline.project_and_see(self.passes, self.view, self.splats, lists, depth, self.epsilon)
-            pipeline.attributes(self.passes, self.view, lists, projected, depth, self.epsilon, gbuffer)
+        depth, gbuffer = frame_buffers(self.passes)
+        for lists in bin_pass.bin(self.passes, self.view, self.splats):
+            projected = project_and_see(self.passes, self.view, self.splats, lists, depth, self.epsilon)
+            attributes(self.passes, Band(self.view, lists, projected, depth, self.epsilon), gbuffer)
         return {name: self._image(name, value) for name, value in (vars(depth) | vars(gbuffer)).items()}
 
     def shade(self, sums):
@@ -82,8 +88,8 @@ class DevicePasses:
         buffers = {name: self.passes.constant(array.astype(self.passes.real)) for name, array in sums.items()}
         depth = DepthBuffer(buffers.pop("depth"), None)
         gbuffer = GBuffer(**buffers, count=None)
-        color = pipeline.shade(self.passes, self.view, depth, gbuffer, self.epsilon)
-        resolved = pipeline.resolve(self.passes, self.view, depth, gbuffer)
+        color = shade(self.passes, self.view, depth, gbuffer, self.epsilon)
+        resolved = resolve(self.passes, self.view, depth, gbuffer)
         return {"color": self._image("color", color, 4)} | {
             name: self._image(name, buffer) for name, buffer in resolved.items()
         }

@@ -11,11 +11,12 @@ from scenes import CAMERAS, EPSILON, VIEWS
 from test_probe import SETTINGS
 
 import splatcl
-from splatcl import RenderSettings, pipeline
-from splatcl.accounting import Check, color_bound
+from splatcl import RenderSettings
 from splatcl.cli import FAILED, main
+from splatcl.evidence.accounting import Check, color_bound
 from splatcl.frame import Frame
 from splatcl.io.exr import read_exr
+from splatcl.opencl.passes import bin as bin_pass
 
 NAMES = ["splats", "binning", "fragments", "constant colour", "repetition"]
 VIEW = CAMERAS["outside"], RenderSettings(epsilon=EPSILON)
@@ -57,8 +58,8 @@ def test_the_numbers_are_in_the_details_and_the_metadata(renderer):
 
 def test_bands_of_tiles_add_up(renderer, monkeypatch):
     """Every tile in a band of its own."""
-    bands = pipeline.bands
-    monkeypatch.setattr(pipeline, "bands", lambda totals, _: bands(totals, 1))
+    bands = bin_pass.bands
+    monkeypatch.setattr(bin_pass, "bands", lambda totals, _: bands(totals, 1))
     assert failures(renderer.render(scene("layers"), *VIEW)) == []
 
 
@@ -109,8 +110,8 @@ def test_the_bound_is_about_two_roundings_a_fragment():
 
 def spoiled(monkeypatch, name, spoil):
     """Let pipeline's function `name` return what `spoil` makes of its arguments and its result."""
-    original = getattr(pipeline, name)
-    monkeypatch.setattr(pipeline, name, lambda *args: spoil(args, original(*args)))
+    original = getattr(bin_pass, name)
+    monkeypatch.setattr(bin_pass, name, lambda *args: spoil(args, original(*args)))
 
 
 def rewrite(device, buffer, shape, dtype, change):

@@ -11,8 +11,9 @@ from agreement import assert_attributes_agree, reference, scene
 from passes import DevicePasses
 from scenes import CAMERAS, EPSILON, SIZE, VIEWS, frames, log_uniform, make
 
-from splatcl import Camera, RenderSettings, Splats, program
-from splatcl import device as devices
+from splatcl import Camera, RenderSettings, Splats
+from splatcl.opencl.device import program
+from splatcl.opencl.device.strictness import Device
 
 TABLE = {"kernel": "table", "kernel_table": (1.0, 0.9, 0.4, 0.15, 0.1)}
 KERNELS = {
@@ -151,7 +152,7 @@ def test_records_that_are_too_far_add_nothing(device, monkeypatch, choices):
     skipping = [DevicePasses(device, *case, settings, tile_size=8).raster() for case in cases]
     inlined = program.inline_source
     monkeypatch.setattr(program, "inline_source", lambda *a: inlined(*a).replace(SKIP, TAKE))
-    other = devices.DeviceQueue()
+    other = Device()
     for case, got in zip(cases, skipping, strict=True):
         want = DevicePasses(other, *case, settings, tile_size=8).raster()
         assert all(got[name].tobytes() == want[name].tobytes() for name in want)

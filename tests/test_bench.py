@@ -10,11 +10,11 @@ import pyopencl as cl
 import pytest
 
 import splatcl
-from splatcl.bench import against, measure, plot, roofline, scenes
-from splatcl.bench.matrix import BASE, Row, rows
-from splatcl.bench.measure import Skipped
-from splatcl.bench.passes import PASSES, FramePasses
-from splatcl.bench.roofline import measure_limits
+from splatcl.apps.bench import against, measure, plot, roofline, scenes
+from splatcl.apps.bench.matrix import BASE, Row, rows
+from splatcl.apps.bench.measure import Skipped
+from splatcl.apps.bench.passes import PASSES, FramePasses
+from splatcl.apps.bench.roofline import measure_limits
 from splatcl.cli import main
 from splatcl.errors import SplatclError
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 import splatcl
-from splatcl.bench import measure, scenes
-from splatcl.bench.matrix import BASE, Row
-from splatcl.bench.measure import Job
-from splatcl.bench.passes import PASSES, FramePasses, lanes_of
+from splatcl.apps.bench import measure, scenes
+from splatcl.apps.bench.matrix import BASE, Row
+from splatcl.apps.bench.measure import Job
+from splatcl.apps.bench.passes import PASSES, FramePasses, lanes_of
 
 
 def test_lanes_of_large_boxes():

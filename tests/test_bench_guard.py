@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from splatcl.bench import guard
-from splatcl.bench.matrix import size_name
-from splatcl.bench.passes import PASSES
+from splatcl.apps.bench import guard
+from splatcl.apps.bench.matrix import size_name
+from splatcl.apps.bench.passes import PASSES
 from splatcl.errors import FileError
 
 ROOT = Path(__file__).parent.parent

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import splatcl
-from splatcl.bench import matrix, roofline
-from splatcl.bench.matrix import BASE, Row
-from splatcl.bench.measure import Drawn, Fragments, Result
-from splatcl.bench.passes import PASSES, Counts
-from splatcl.bench.roofline import Limits, Roofline
-from splatcl.bench.timing import Spread
-from splatcl.bench.work import FLOPS, limits_of, work_of
+from splatcl.apps.bench import matrix, roofline
+from splatcl.apps.bench.matrix import BASE, Row
+from splatcl.apps.bench.measure import Drawn, Fragments, Result
+from splatcl.apps.bench.passes import PASSES, Counts
+from splatcl.apps.bench.roofline import Limits, Roofline
+from splatcl.apps.bench.work import FLOPS, limits_of, work_of
+from splatcl.apps.timing import Spread
 
 SMALL = 1 << 20
 

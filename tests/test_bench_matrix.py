@@ -7,11 +7,11 @@ from typing import get_args
 
 import pytest
 
-from splatcl.bench import matrix
-from splatcl.bench.matrix import BASE, base_of, only, parse_sizes, rows, size_name
-from splatcl.bench.timing import MIN_FRAMES, Spread, turn_by_turn
+from splatcl.apps.bench import matrix
+from splatcl.apps.bench.matrix import BASE, base_of, only, parse_sizes, rows, size_name
+from splatcl.apps.timing import MIN_FRAMES, Spread, turn_by_turn
 from splatcl.errors import SettingsError
-from splatcl.settings import METHODS, RenderSettings, Shader
+from splatcl.scene.settings import METHODS, RenderSettings, Shader
 
 
 def test_matrix_varies_one_factor_at_a_time():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import splatcl
-from splatcl.bench import scenes
+from splatcl.apps.bench import scenes
 
 
 def test_sphere_is_covered_from_outside():

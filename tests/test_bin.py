@@ -8,7 +8,8 @@ from agreement import scene
 from passes import DevicePasses
 from scenes import CAMERAS, EPSILON, EYE, any_camera, any_discs
 
-from splatcl import Camera, RenderSettings, pipeline
+from splatcl import Camera, RenderSettings
+from splatcl.opencl.passes import bin as bin_pass
 
 SETTINGS = RenderSettings(epsilon=EPSILON)
 TILES = [8, 16, 32, 64]
@@ -17,8 +18,8 @@ MOST_IDLE = 0.5
 
 
 def bands_of(max_records):
-    """Return `pipeline.bands` with another limit: several bands of tiles, even for a few splats."""
-    bands = pipeline.bands
+    """Return `bin_pass.bands` with another limit: several bands of tiles, even for a few splats."""
+    bands = bin_pass.bands
     return lambda totals, limit: bands(totals, min(limit, max_records))
 
 
@@ -37,8 +38,8 @@ def brute_force(records, camera, tile_size):
 @pytest.mark.parametrize("tile_size", TILES)
 @pytest.mark.parametrize("scene_name", ["random_ellipses", "giant", "near_plane", "sub_pixel"])
 def test_runs_are_what_brute_force_gives(device, monkeypatch, scene_name, tile_size, max_records):
-    monkeypatch.setattr(pipeline, "bands", bands_of(max_records))
-    monkeypatch.setattr(pipeline, "MIN_CHUNK", 16)  # several chunks, the last one not full
+    monkeypatch.setattr(bin_pass, "bands", bands_of(max_records))
+    monkeypatch.setattr(bin_pass, "MIN_CHUNK", 16)  # several chunks, the last one not full
     camera = Camera.look_at(EYE, (0, 0, 0), near=0.125, width=150, height=91)
     passes = DevicePasses(device, scene(scene_name), camera, SETTINGS, tile_size)
     records, attributes = passes.project()
@@ -62,8 +63,8 @@ def test_runs_are_what_brute_force_gives(device, monkeypatch, scene_name, tile_s
 @pytest.mark.parametrize("min_chunk", [1, 48, 1024])
 def test_chunks_do_not_change_the_records(device, monkeypatch, min_chunk):
     whole = DevicePasses(device, scene("sub_pixel"), CAMERAS["outside"], SETTINGS).project()
-    monkeypatch.setattr(pipeline, "MIN_CHUNK", min_chunk)
-    monkeypatch.setattr(pipeline, "MAX_CHUNKS", 10000)
+    monkeypatch.setattr(bin_pass, "MIN_CHUNK", min_chunk)
+    monkeypatch.setattr(bin_pass, "MAX_CHUNKS", 10000)
     cut = DevicePasses(device, scene("sub_pixel"), CAMERAS["outside"], SETTINGS).project()
     for a, b in zip(whole, cut, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -72,7 +73,7 @@ def test_chunks_do_not_change_the_records(device, monkeypatch, min_chunk):
 @pytest.mark.parametrize("totals", [[0], [5], [0, 0, 0], [3, 3, 3, 3], [9, 0, 0, 1], [0, 9, 9, 0], [1] * 20])
 @pytest.mark.parametrize("max_records", [1, 3, 4, 9, 100])
 def test_bands_cut_the_tiles_once(totals, max_records):
-    cuts = list(pipeline.bands(np.array(totals, np.int32), max_records))
+    cuts = list(bin_pass.bands(np.array(totals, np.int32), max_records))
     tiles = [tile for first, last in cuts for tile in range(first, last)]
     assert tiles == list(range(len(totals)))
     for first, last in cuts:
@@ -81,7 +82,7 @@ def test_bands_cut_the_tiles_once(totals, max_records):
 
 def test_bands_count_beyond_32_bits():
     totals = np.full(4, 2**30, np.int32)
-    assert list(pipeline.bands(totals, 2**31)) == [(0, 2), (2, 4)]
+    assert list(bin_pass.bands(totals, 2**31)) == [(0, 2), (2, 4)]
 
 
 @pytest.mark.parametrize("max_records", [1, 50, 500])
@@ -89,7 +90,7 @@ def test_bands_count_beyond_32_bits():
 def test_bands_do_not_change_the_image(renderer, monkeypatch, size, max_records):
     camera = Camera.look_at((0, 0, 3), (0, 0, 0), width=size[0], height=size[1])
     whole = dict(renderer.render(scene("random_ellipses"), camera, SETTINGS))
-    monkeypatch.setattr(pipeline, "bands", bands_of(max_records))
+    monkeypatch.setattr(bin_pass, "bands", bands_of(max_records))
     cut = dict(renderer.render(scene("random_ellipses"), camera, SETTINGS))
     for name, array in whole.items():
         assert array.tobytes() == cut[name].tobytes(), name

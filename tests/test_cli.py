@@ -10,13 +10,13 @@ import pytest
 from cli_stub import SPLATS, run, stub
 
 import splatcl
-import splatcl.io
 from splatcl import Camera, RenderSettings
 from splatcl.cli import FAILED, INTERRUPTED, MISTAKE, main
-from splatcl.cli.view import axis_vector
+from splatcl.cli.options.view import axis_vector
 from splatcl.errors import DeviceError, FileError
 from splatcl.io.cameras import write_camera
 from splatcl.io.exr import read_exr
+from splatcl.io.inspect import Summary
 
 __all__ = ["stub"]  # a fixture
 
@@ -104,7 +104,7 @@ def test_every_setting_with_choices_is_an_option_with_those_choices(capsys):
 
 def test_device_tile_size_and_on_invalid_are_passed_on(stub, capsys, monkeypatch):
     asked = []
-    monkeypatch.setattr(splatcl.io, "read", lambda *args: asked.append(args) or SPLATS)
+    monkeypatch.setattr("splatcl.io.read.read", lambda *args: asked.append(args) or SPLATS)
     options = "--device intel --tile-size 32 --on-invalid drop"
     assert run(capsys, f"render s.ply --png o.png {options}")[0] == 0
     assert stub.made == {"device": "intel", "tile_size": 32, "allow_inexact": False}
@@ -168,7 +168,7 @@ def test_mistakes_are_one_line_and_status_2_before_anything_is_rendered(stub, ca
 
 
 def test_outputs_are_checked_before_the_scan_is_read(stub, capsys, monkeypatch):
-    monkeypatch.setattr(splatcl.io, "read", lambda *a: pytest.fail("it was read"))
+    monkeypatch.setattr("splatcl.io.read.read", lambda *a: pytest.fail("it was read"))
     assert run(capsys, "render s.ply -o missing/o.exr")[0] == MISTAKE
     assert run(capsys, "render s.ply -o o.exr --size 1")[0] == MISTAKE
 
@@ -187,7 +187,7 @@ def test_statuses(stub, capsys, monkeypatch, error, status, message):
     def fail(*args):
         raise error
 
-    monkeypatch.setattr(splatcl.io, "read", fail)
+    monkeypatch.setattr("splatcl.io.read.read", fail)
     assert run(capsys, "render s.ply -o o.exr") == (status, [], [message] if message else [])
 
 
@@ -195,7 +195,7 @@ def test_an_unforeseen_error_keeps_its_traceback(stub, monkeypatch):
     def fail(*args):
         raise ZeroDivisionError("a bug")
 
-    monkeypatch.setattr(splatcl.io, "read", fail)
+    monkeypatch.setattr("splatcl.io.read.read", fail)
     with pytest.raises(ZeroDivisionError):
         main(["render", "s.ply", "-o", "o.exr"])
 
@@ -217,7 +217,7 @@ def test_info_prints_the_summary(capsys, tmp_path):
 
 
 def test_info_prints_triangles_and_notes(capsys, monkeypatch, tmp_path):
-    summary = splatcl.io.Summary(
+    summary = Summary(
         path=tmp_path,
         format="OBJ (text)",
         num_points=3,
@@ -228,7 +228,7 @@ def test_info_prints_triangles_and_notes(capsys, monkeypatch, tmp_path):
         skipped=(),
         notes=("ignored lines of vt",),
     )
-    monkeypatch.setattr(splatcl.io, "inspect", lambda path: summary)
+    monkeypatch.setattr("splatcl.io.inspect.inspect", lambda path: summary)
     _, out, _ = run(capsys, "info s.obj")
     assert out[2:4] == ["triangles   1", "attributes  normals, color"]
     assert out[-2:] == ["skipped     nothing", "note: ignored lines of vt"]

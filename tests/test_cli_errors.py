@@ -9,10 +9,9 @@ from contextlib import contextmanager
 import pytest
 from cli_stub import run, stub
 
-import splatcl.io
-from splatcl import device, program
 from splatcl.cli import FAILED, MISTAKE, as_options
 from splatcl.errors import DeviceError, FileError
+from splatcl.opencl.device import devices, program
 
 __all__ = ["stub"]  # a fixture
 
@@ -68,7 +67,7 @@ def test_a_failed_run_is_1_and_a_mistake_is_2(stub, capsys, monkeypatch, error, 
     def fail(*args):
         raise error
 
-    monkeypatch.setattr(splatcl.io, "read", fail)
+    monkeypatch.setattr("splatcl.io.read.read", fail)
     assert run(capsys, "render s.ply -o o.exr") == (status, [], [f"splatcl: error: {error}"])
 
 
@@ -110,8 +109,8 @@ def test_a_kernel_that_does_not_build_is_a_failed_run(capsys, monkeypatch, tmp_p
 
 
 KNOWN = [
-    device.DeviceInfo(0, "Platform A", "cpu", "OpenCL 3.0 A", True, {"double": "yes"}, None),
-    device.DeviceInfo(1, "Platform B", "gpu", "OpenCL 1.2 B", False, {"double": "no", "lanes": "1"}, None),
+    devices.DeviceInfo(0, "Platform A", "cpu", "OpenCL 3.0 A", True, {"double": "yes"}, None),
+    devices.DeviceInfo(1, "Platform B", "gpu", "OpenCL 1.2 B", False, {"double": "no", "lanes": "1"}, None),
 ]
 LIST = [
     "{} 0  cpu",
@@ -128,7 +127,7 @@ LIST = [
     [("", "", "* "), ("platform b", "", " *"), ("platform b", "--device 0", "* "), ("", "--device gpu", " *")],
 )
 def test_devices_lists_them_and_stars_the_one_in_use(capsys, monkeypatch, variable, option, marks):
-    monkeypatch.setattr(device, "list_devices", lambda: KNOWN)
+    monkeypatch.setattr(devices, "list_devices", lambda: KNOWN)
     monkeypatch.setenv("SPLATCL_DEVICE", variable)
     marked = [line.format(marks[i // 3]) for i, line in enumerate(LIST)]
     assert run(capsys, f"devices {option}") == (0, marked, [])
@@ -136,7 +135,7 @@ def test_devices_lists_them_and_stars_the_one_in_use(capsys, monkeypatch, variab
 
 @pytest.mark.parametrize(("variable", "option"), [("foo", ""), ("", "--device foo")])
 def test_a_bad_choice_of_device_still_lists_them_all(capsys, monkeypatch, variable, option):
-    monkeypatch.setattr(device, "list_devices", lambda: KNOWN)
+    monkeypatch.setattr(devices, "list_devices", lambda: KNOWN)
     monkeypatch.setenv("SPLATCL_DEVICE", variable)
     status, out, err = run(capsys, f"devices {option}")
     assert (status, out) == (MISTAKE, [line.format(" ") for line in LIST])

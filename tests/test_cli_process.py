@@ -91,13 +91,13 @@ def test_process_full_stdout_is_an_error():
 
 
 INTERRUPTED_RUN = """
-import sys, time, splatcl.io, splatcl.cli
+import sys, time, splatcl.io.read, splatcl.cli
 def read(*args):
     print("reading", flush=True)
     time.sleep(60)
 class Renderer:
     def __init__(self, **kwargs): pass
-splatcl.io.read, splatcl.Renderer = read, Renderer
+splatcl.io.read.read, splatcl.Renderer = read, Renderer
 sys.exit(splatcl.cli.main(["render", "s.ply", "-o", "o.exr"]))
 """
 

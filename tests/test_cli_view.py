@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from cli_stub import run, stub
 
-import splatcl.io
 from splatcl import Camera, Splats
 
 __all__ = ["stub"]  # a fixture
@@ -22,8 +21,8 @@ def sheet(normal_z, oriented=True):
 
 def render(stub, capsys, monkeypatch, splats, options=""):
     """Return the camera that was rendered with and the notes that were printed."""
-    monkeypatch.setattr(splatcl.io, "read", lambda path, on_invalid="error": splats)
-    monkeypatch.setattr(splatcl.io, "up_axis", lambda path: "y")
+    monkeypatch.setattr("splatcl.io.read.read", lambda path, on_invalid="error": splats)
+    monkeypatch.setattr("splatcl.io.read.up_axis", lambda path: "y")
     status, out, err = run(capsys, f"render s.ply --png o.png {options}")
     assert (status, err) == (0, [])
     return stub.calls[-1][1], [line for line in out if line.startswith("note: ")]

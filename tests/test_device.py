@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 
 import splatcl
-from splatcl import device as devices
-from splatcl import program
 from splatcl.errors import DeviceError
-from splatcl.strict import FLAG_VARIABLES
+from splatcl.opencl.device import devices, program
+from splatcl.opencl.device.strictness import FLAG_VARIABLES
 
 SPLATS = splatcl.Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
 CAMERA = splatcl.Camera.look_at((0, 0, 3), (0, 0, 0), width=33, height=17)

@@ -9,9 +9,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
-from splatcl import arithmetic
-from splatcl.arithmetic import OPERATIONS
-from splatcl.hard_numbers import REALS, hard_quotients, hard_roots
+from splatcl.opencl.device import arithmetic
+from splatcl.opencl.device.arithmetic import OPERATIONS
+from splatcl.opencl.device.hard_cases import REALS, hard_quotients, hard_roots
 
 OURS = {"EXACT_DIVIDE": 0, "EXACT_SQRT": 0}
 BATCH = 1 << 18

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 
 import splatcl
-from splatcl import arithmetic, golden, program, strict
-from splatcl import device as devices
 from splatcl.cli import main
-from splatcl.device import DeviceQueue
-from splatcl.doctor import examine
 from splatcl.errors import DeviceError
+from splatcl.evidence.doctor import examine
+from splatcl.evidence.golden import check as golden
 from splatcl.io.exr import read_exr
+from splatcl.opencl.device import arithmetic, devices, program
+from splatcl.opencl.device import strictness as strict
+from splatcl.opencl.device.strictness import Device
 
 SPLATS = splatcl.Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
 CAMERA = splatcl.Camera.look_at((0, 0, 3), (0, 0, 0), width=33, height=17)
@@ -78,7 +79,7 @@ def has_double():
 
 
 def found(lanes=8):
-    return arithmetic.examine(DeviceQueue(allow_inexact=True), "single", (lanes,))
+    return arithmetic.examine(Device(allow_inexact=True), "single", (lanes,))
 
 
 def names(findings):
@@ -205,7 +206,7 @@ def test_injected_flags_are_recorded_where_they_are_allowed(monkeypatch, tmp_pat
 
 def test_the_quick_test_is_remembered(mutate, monkeypatch, tmp_path):
     """Also where the cache is damaged, or cannot be written."""
-    device, calls = DeviceQueue(), []
+    device, calls = Device(), []
     real = arithmetic.examine
     monkeypatch.setattr(arithmetic, "examine", lambda *a: calls.append(a) or real(*a))
     first = strict.quick_test(device, "single")
@@ -220,7 +221,7 @@ def test_the_quick_test_is_remembered(mutate, monkeypatch, tmp_path):
 
 
 def test_the_memory_belongs_to_one_test_on_one_device(mutate, monkeypatch):
-    device = DeviceQueue()
+    device = Device()
     keys = {strict._key(device, precision, (1, 8)) for precision in ("single", "double")}
     keys.add(strict._key(device, "single", (1,)))
     monkeypatch.setenv("POCL_EXTRA_BUILD_FLAGS", "-O1")

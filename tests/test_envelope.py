@@ -12,7 +12,10 @@ from scenes import CAMERAS, EPSILON, SCENES, VIEWS, random_ellipses
 
 import splatcl
 import splatcl.io.exr
-from splatcl import RenderSettings, Splats, envelope, oracle, program, uncertainty
+from splatcl import RenderSettings, Splats, oracle
+from splatcl.evidence.host import envelope, pairs
+from splatcl.evidence.host import margin as host_margin
+from splatcl.opencl.device import program
 
 CHOICES = {
     "default": RenderSettings(epsilon=EPSILON),
@@ -55,12 +58,12 @@ NONE = dict.fromkeys(BOUNDED, 0)
 @pytest.mark.parametrize(("scene", "camera", "choices"), [view for view in EVERY if view[2] not in TABLES])
 def test_the_margin_is_the_oracle_s(scene, camera, choices, monkeypatch):
     """Also in several bands of rows. Caught: a slack of the bounds without its kappa term (edge_on)."""
-    monkeypatch.setattr(uncertainty, "PAIRS_PER_BAND", 1 << 12)
+    monkeypatch.setattr(pairs, "PAIRS_PER_BAND", 1 << 12)
     splats, view = SCENES[scene](1), CAMERAS[camera]
-    expected = np.minimum(oracle.render(splats, view, CHOICES[choices])["margin"], uncertainty.MAX_MARGIN)
-    margin, raw = uncertainty.margin(splats, view, CHOICES[choices], EPSILON if choices != "first" else 0.0)
+    expected = np.minimum(oracle.render(splats, view, CHOICES[choices])["margin"], pairs.MAX_MARGIN)
+    margin, raw = host_margin.margin(splats, view, CHOICES[choices], EPSILON if choices != "first" else 0.0)
     np.testing.assert_allclose(margin, expected, rtol=1e-4, atol=1e-3)
-    assert (np.isinf(raw) == (margin == uncertainty.MAX_MARGIN)).all()
+    assert (np.isinf(raw) == (margin == pairs.MAX_MARGIN)).all()
 
 
 def test_the_raw_margin_is_the_distance_itself():
@@ -68,7 +71,7 @@ def test_the_raw_margin_is_the_distance_itself():
     view = splatcl.Camera(np.eye(4), 64, 64, 16, 16, 32, 32)
     radius = np.hypot(0.5, 8.5) / 64 * (1 + 1e-6)
     disc = Splats(np.array([[0, 0, 1.0]]), np.array([[0, radius, 0]]), np.array([[radius, 0, 0]]))
-    margin, raw = uncertainty.margin(disc, view, RenderSettings(prefilter="none"), 0.1)
+    margin, raw = host_margin.margin(disc, view, RenderSettings(prefilter="none"), 0.1)
     near = margin < 10
     assert np.count_nonzero(near) == 16  # (0.5, 8.5) and (5.5, 6.5) are at one distance
     np.testing.assert_allclose(raw[near], 1e-6, rtol=1e-3)
@@ -76,8 +79,8 @@ def test_the_raw_margin_is_the_distance_itself():
 
 def test_no_splats_have_no_uncertain_pixel():
     empty = np.zeros((0, 3))
-    margin, _ = uncertainty.margin(Splats(empty, empty, empty), CAMERAS["outside"], RenderSettings(), 0.0)
-    assert (margin == uncertainty.MAX_MARGIN).all()
+    margin, _ = host_margin.margin(Splats(empty, empty, empty), CAMERAS["outside"], RenderSettings(), 0.0)
+    assert (margin == pairs.MAX_MARGIN).all()
     limits = bounds(Splats(empty, empty, empty), CAMERAS["outside"], RenderSettings(epsilon=0.0))
     assert np.isinf(limits["Z.lo"]).all() and not limits["weight.hi"].any() and not limits["N.lo"].any()
 
@@ -174,8 +177,8 @@ def test_the_envelope_opens_where_the_front_splat_may_miss():
 def test_the_envelope_is_tight_where_nothing_is_open():
     splats, view, choices = random_ellipses(5), CAMERAS["outside"], CHOICES["default"]
     limits = bounds(splats, view, choices)
-    margin, _ = uncertainty.margin(splats, view, choices, EPSILON)
-    covered = (limits["weight.lo"] > 0) & (margin == uncertainty.MAX_MARGIN)
+    margin, _ = host_margin.margin(splats, view, choices, EPSILON)
+    covered = (limits["weight.lo"] > 0) & (margin == pairs.MAX_MARGIN)
     assert np.count_nonzero(covered) > 500
     for name in ("albedo", "N"):
         width = (limits[f"{name}.hi"] - limits[f"{name}.lo"])[covered].max(axis=-1)

@@ -12,7 +12,9 @@ from tolerances import DEVICE_MARGIN, DEVICE_RELATIVE
 
 import splatcl
 import splatcl.io.exr
-from splatcl import RenderSettings, Splats, oracle, uncertainty
+from splatcl import RenderSettings, Splats, oracle
+from splatcl.evidence.host import margin as host_margin
+from splatcl.evidence.host import pairs
 
 METHODS = {
     "zwicker04": RenderSettings(method="zwicker04", epsilon=EPSILON, facing="flip"),
@@ -61,13 +63,14 @@ def test_the_margin_is_the_oracle_s(method, name, camera, most, monkeypatch):
     Caught: bounds of ellipses without kappa (edge_on); the disc's margin where nothing covers the pixel; the filtered
     ellipse's margin in the visibility pass.
     """
-    monkeypatch.setattr(uncertainty, "MAX_MARGIN", most)
+    monkeypatch.setattr(pairs, "MAX_MARGIN", most)
+    monkeypatch.setattr(host_margin, "MAX_MARGIN", most)
     choices, view = METHODS[method], CAMERAS[camera]
     splats = scene(name, 1, choices)
-    expected = np.minimum(oracle.render(splats, view, choices)["margin"], uncertainty.MAX_MARGIN)
-    margin, raw = uncertainty.margin(splats, view, choices, choices.epsilon)
+    expected = np.minimum(oracle.render(splats, view, choices)["margin"], pairs.MAX_MARGIN)
+    margin, raw = host_margin.margin(splats, view, choices, choices.epsilon)
     np.testing.assert_allclose(margin, expected, rtol=1e-4, atol=1e-3)
-    assert (np.isinf(raw) == (margin == uncertainty.MAX_MARGIN)).all()
+    assert (np.isinf(raw) == (margin == pairs.MAX_MARGIN)).all()
     assert (margin < most).any()
 
 
@@ -80,10 +83,10 @@ def test_the_margin_of_a_facing_ellipse(prefilter, projection):
     drawn = np.sqrt(radius**2 - (4 if prefilter == "ewa" else 0)) / 32
     disc = Splats(np.array([[0, 0, 1.0]]), np.array([[0, drawn, 0]]), np.array([[drawn, 0, 0]]))
     choices = RenderSettings(footprint="affine", prefilter=prefilter)
-    margin, raw = uncertainty.margin(disc, view, choices, 0.1)
+    margin, raw = host_margin.margin(disc, view, choices, 0.1)
     off = np.hypot(*(np.mgrid[:33, :33] - 16))
     near = np.isclose(off, np.hypot(8, 2) if prefilter == "ewa" else 8)
-    assert near.any() and (margin[near] < uncertainty.MAX_MARGIN).all()
+    assert near.any() and (margin[near] < pairs.MAX_MARGIN).all()
     np.testing.assert_allclose(raw[near], 1e-6, rtol=1e-3)
     assert np.isinf(raw[(off > 9) | (off < 7)]).all()
 
@@ -115,7 +118,7 @@ def test_a_frame_of_any_method_adds_both(renderer, method, tmp_path):
     choices, view = METHODS[method], CAMERAS["outside"]
     frame = renderer.render(scene("edge_on", 3, choices), view, choices)
     frame.add_envelope()
-    assert frame["margin"].min() < uncertainty.MAX_MARGIN
+    assert frame["margin"].min() < pairs.MAX_MARGIN
     frame.save(tmp_path / "frame.exr")
     aovs = splatcl.io.exr.read_exr(tmp_path / "frame.exr")[0]
     assert escaped(aovs, aovs) == 0 and (aovs["weight.lo"] > 0).any()
@@ -127,7 +130,7 @@ def test_circles_and_halves_are_bounded_as_they_are_drawn(renderer):
     splats = scene("random_ellipses", 4, choices)
     frame = renderer.render(splats, CAMERAS["outside"], choices)
     as_drawn = splats.half_precision().circular()
-    margin, _ = uncertainty.margin(as_drawn, CAMERAS["outside"], replace(choices, circular=False), EPSILON)
+    margin, _ = host_margin.margin(as_drawn, CAMERAS["outside"], replace(choices, circular=False), EPSILON)
     np.testing.assert_array_equal(frame["margin"], margin)
     frame.add_envelope(8.0)
     assert escaped(frame, frame) == 0
@@ -137,7 +140,7 @@ def test_a_coarse_target_has_margins_but_no_envelope(renderer):
     choices, view = RenderSettings(target="float16", epsilon=EPSILON), CAMERAS["outside"]
     splats = scene("edge_on", 5, choices, lines=False)
     frame = renderer.render(splats, view, choices)
-    margin, _ = uncertainty.margin(splats, view, replace(choices, target="auto"), EPSILON)
+    margin, _ = host_margin.margin(splats, view, replace(choices, target="auto"), EPSILON)
     np.testing.assert_allclose(frame["margin"], margin, atol=DEVICE_MARGIN, rtol=DEVICE_RELATIVE)
     with pytest.raises(splatcl.SplatclError, match=r"target='float16' has no envelope: .* choose target='float32'"):
         frame.add_envelope()

@@ -5,7 +5,7 @@ import pytest
 import tolerances as tol
 
 from splatcl.errors import InvalidSplatsError
-from splatcl.estimate import estimate_spacing, least_eigenvectors, splats_from_points
+from splatcl.prepare.points import estimate_spacing, least_eigenvectors, splats_from_points
 
 
 def fibonacci_sphere(num):

@@ -12,7 +12,7 @@ import splatcl
 from splatcl.cli import MISTAKE, main
 from splatcl.errors import InvalidSplatsError, SettingsError
 from splatcl.features import Solid, box, csg_splats, cylinder, mesh_features, sphere
-from splatcl.meshes import splats_from_mesh
+from splatcl.prepare.meshes import splats_from_mesh
 
 FANDISK = Path(__file__).parents[2] / "shared" / "data" / "fandisk.off"
 
@@ -152,7 +152,7 @@ def test_angles_out_of_range(angle):
 
 @pytest.mark.skipif(not FANDISK.exists(), reason="the shared files are not here")
 def test_fandisk():
-    from splatcl.io.formats import load_model
+    from splatcl.io.read import load_model
 
     model = load_model(FANDISK)
     splats = mesh_features(model.points, model.faces)

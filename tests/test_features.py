@@ -8,7 +8,7 @@ from feature_rays import cast, disc_coordinates, kept, slabs
 from splatcl import Camera, Splats
 from splatcl.errors import InvalidSplatsError, SettingsError
 from splatcl.features import clip_lines, cube
-from splatcl.features.lines import at, cut_depth, keep_deepest, normalize
+from splatcl.prepare.features.clip_lines import at, cut_depth, keep_deepest, normalize
 
 
 def roofs(num, seed=0):

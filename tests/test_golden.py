@@ -16,15 +16,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatcl import Frame, Renderer, device, golden, passes, pipeline
+from splatcl import Frame, Renderer
 from splatcl.errors import DeviceError
+from splatcl.evidence.golden import check as golden
+from splatcl.opencl.device.devices import choose_device
+from splatcl.opencl.device.program import Program
+from splatcl.opencl.passes import bin as bin_pass
+from splatcl.opencl.state import context
 
 MANY = """
 import os, sys
 os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: int(sys.argv[1])])
-from splatcl import Renderer, golden
+from splatcl import Renderer
+from splatcl.evidence.golden import check as golden
+from splatcl.evidence.golden.splats import random_discs
 renderer, scene = Renderer(), golden.scenes()[0]
-many = golden.random_discs(8, 200_000, 1.25, 0.0625)
+many = random_discs(8, 200_000, 1.25, 0.0625)
 images = {str(golden.digest(renderer.render(many, scene.camera, scene.settings))) for _ in range(8)}
 print(renderer._device.info.handle.max_compute_units, len(images), *golden.check(renderer), *images, sep="\\n")
 """
@@ -112,7 +119,7 @@ def test_tiles_and_lanes_of_every_method(scenes):
 @pytest.mark.parametrize("lanes", [1, pytest.param(4, marks=SLOW), pytest.param(16, marks=SLOW)])
 def test_lanes(lanes):
     """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in attributes.cl's large_box."""
-    if lanes == 16 and "PoCL 3.0" in device.choose_device().version:
+    if lanes == 16 and "PoCL 3.0" in choose_device().version:
         with pytest.raises(DeviceError, match="cannot compile 16-wide square roots"):
             Renderer(lanes=lanes)
     else:
@@ -130,7 +137,7 @@ def test_a_work_item_per_pixel(tile_size, check):
 @pytest.mark.parametrize("group", [pytest.param(1, marks=SLOW), 16, pytest.param(32, marks=SLOW)])
 def test_group_sizes_of_pixels(monkeypatch, group):
     """Mutation: visibility's region_of given `get_group_id(0) * get_local_size(0) / 64 * 64 + get_local_id(0)`."""
-    monkeypatch.setattr(passes, "PIXEL_GROUP", group)
+    monkeypatch.setattr(context, "PIXEL_GROUP", group)
     assert check_plain(Renderer(mapping="pixel")) == []
 
 
@@ -141,24 +148,24 @@ def test_group_sizes_of_tiles_chunks_and_images(monkeypatch):
         groups = tuple(next(n for n in (4, 3, 2, 1) if length % n == 0) for length in size)
         program.kernels[name](queue, size, groups, *args)
 
-    monkeypatch.setattr(device.Program, "__call__", call)
+    monkeypatch.setattr(Program, "__call__", call)
     assert golden.check(Renderer()) == []
 
 
 @pytest.mark.parametrize(("least", "most"), [(16, 1000), (48, 3)])
 def test_chunks_and_bands(monkeypatch, least, most):
     """Mutation: bin_scatter's loop from `end - 1` down to `begin`."""
-    bands = pipeline.bands
-    monkeypatch.setattr(pipeline, "MIN_CHUNK", least)
-    monkeypatch.setattr(pipeline, "MAX_CHUNKS", most)
-    monkeypatch.setattr(pipeline, "bands", lambda totals, _: bands(totals, 100))
+    bands = bin_pass.bands
+    monkeypatch.setattr(bin_pass, "MIN_CHUNK", least)
+    monkeypatch.setattr(bin_pass, "MAX_CHUNKS", most)
+    monkeypatch.setattr(bin_pass, "bands", lambda totals, _: bands(totals, 100))
     assert golden.check(Renderer()) == []
 
 
 def test_quarters_of_tiles(monkeypatch):
     """As where a few tiles hold most splats. Mutation: `part / REGIONS` in place of `part / REGIONS_X` in region_of."""
-    monkeypatch.setattr(passes, "FEW_TILES", 1000)
-    monkeypatch.setattr(passes, "MANY_ENTRIES", -1)
+    monkeypatch.setattr(context, "FEW_TILES", 1000)
+    monkeypatch.setattr(context, "MANY_ENTRIES", -1)
     assert check_plain(Renderer()) == []
 
 

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from scenes import CAMERAS, SCENES, frames, joined, random_ellipses
 from tolerances import DEPTH_RELATIVE, MARGIN_UNITS, PERMUTED, RESOLVED
 
-from splatcl import Camera, RenderSettings, Splats, oracle, pipeline
+from splatcl import Camera, RenderSettings, Splats, oracle
+from splatcl.opencl.passes import bin as bin_pass
 
 NONE = 0xFFFFFFFF
 bounded = settings(
@@ -55,12 +56,12 @@ def test_tiles_and_lanes_change_no_bit(renderer_with, name, seed, camera, chosen
 @bounded
 @given(scene_names, seeds, cameras, choices, st.integers(1, 400), st.integers(1, 70), st.integers(1, 3000))
 def test_chunks_and_bands_change_no_bit(renderer, name, seed, camera, chosen, chunk, max_chunks, band):
-    splats, whole_bands = SCENES[name](seed), pipeline.bands
+    splats, whole_bands = SCENES[name](seed), bin_pass.bands
     whole = arrays(renderer.render(splats, camera, chosen))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pipeline, "MIN_CHUNK", chunk)
-        patch.setattr(pipeline, "MAX_CHUNKS", max_chunks)
-        patch.setattr(pipeline, "bands", lambda totals, _: whole_bands(totals, band))
+        patch.setattr(bin_pass, "MIN_CHUNK", chunk)
+        patch.setattr(bin_pass, "MAX_CHUNKS", max_chunks)
+        patch.setattr(bin_pass, "bands", lambda totals, _: whole_bands(totals, band))
         assert_same_bits(whole, arrays(renderer.render(splats, camera, chosen)))
 
 

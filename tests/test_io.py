@@ -9,22 +9,24 @@ import numpy as np
 import pytest
 from io_files import BYTES, OBJ, POINTS, gaussian, native, ply, put, rows, xyz
 
-import splatcl.io
+import splatcl
+from splatcl.io.inspect import inspect
+from splatcl.io.read import up_axis
 
 SHARED = Path(__file__).parents[2] / "shared" / "data"
 
 
 def test_type_is_known_by_first_bytes_where_the_extension_is_not(tmp_path):
-    splatcl.io.write(native(), tmp_path / "a.ply")
+    splatcl.write(native(), tmp_path / "a.ply")
     (tmp_path / "a.ply").rename(tmp_path / "splats")
-    assert len(splatcl.io.read(tmp_path / "splats")) == 50
+    assert len(splatcl.read(tmp_path / "splats")) == 50
 
 
 def test_inspect_counts_and_names_what_would_be_skipped(tmp_path):
     data = rows(POINTS, BYTES, [[0, 0, 1]] * 5)
     data[1][0], data[2][8] = float("nan"), 0.0
     names = [*xyz(), *[("uchar", n) for n in ("red", "green", "blue")], *[("float", n) for n in ("nx", "ny", "nz")]]
-    summary = splatcl.io.inspect(put(tmp_path / "a.ply", ply("binary_big_endian", [("vertex", names, data)])))
+    summary = inspect(put(tmp_path / "a.ply", ply("binary_big_endian", [("vertex", names, data)])))
     assert summary.format == "PLY (binary big-endian)"
     assert (summary.num_points, summary.num_faces) == (5, 0)
     assert summary.attributes == ("normals", "color")
@@ -38,11 +40,11 @@ def test_inspect_counts_and_names_what_would_be_skipped(tmp_path):
 
 def test_inspect_mesh_and_native(tmp_path):
     text = "OFF\n5 4 0\n" + OBJ.replace("v ", "") + "3 0 1 2\n3 1 3 2\n3 1 4 3\n3 1 1 2\n"
-    summary = splatcl.io.inspect(put(tmp_path / "a.off", text))
+    summary = inspect(put(tmp_path / "a.off", text))
     assert (summary.num_points, summary.num_faces) == (5, 4)
     assert summary.skipped == ((1, "triangles with no area"),)
-    splatcl.io.write(native(), tmp_path / "a.npz")
-    summary = splatcl.io.inspect(tmp_path / "a.npz")
+    splatcl.write(native(), tmp_path / "a.npz")
+    summary = inspect(tmp_path / "a.npz")
     assert (summary.num_points, summary.attributes, summary.skipped) == (50, ("color", "tangents"), ())
 
 
@@ -65,12 +67,12 @@ def test_inspect_mesh_and_native(tmp_path):
 def test_up_axis(tmp_path, name, data, axis):
     if data is not None:
         put(tmp_path / name, data)
-    assert splatcl.io.up_axis(tmp_path / name) == axis
+    assert up_axis(tmp_path / name) == axis
 
 
 def test_import_is_light():
     heavy = "scipy", "trimesh", "laspy", "plyfile", "pypcd4"
-    code = f"import sys, splatcl.io; print([m for m in {heavy} if m in sys.modules])"
+    code = f"import sys, splatcl.io.read; print([m for m in {heavy} if m in sys.modules])"
     env = {**os.environ, "PYTHONWARNINGS": "default"}
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=True)
     assert done.stdout.strip() == "[]"
@@ -90,14 +92,14 @@ SHARED_COUNTS = {
 
 @pytest.mark.parametrize("name", [n for n in SHARED_COUNTS if (SHARED / n).exists()])
 def test_real_files(name):
-    summary = splatcl.io.inspect(SHARED / name)
+    summary = inspect(SHARED / name)
     assert (summary.num_points, summary.num_faces) == SHARED_COUNTS[name]
-    assert len(splatcl.io.read(SHARED / name)) >= max(summary.num_points if not summary.num_faces else 0, 1)
+    assert len(splatcl.read(SHARED / name)) >= max(summary.num_points if not summary.num_faces else 0, 1)
 
 
 @pytest.mark.skipif(not (SHARED / "1.2-with-color.las").exists(), reason="the shared files are not here")
 def test_one_survey_in_three_formats():
-    las, laz, ptx = (splatcl.io.read(SHARED / n) for n in ("1.2-with-color.las", "simple.laz", "1.2-with-color.ptx"))
+    las, laz, ptx = (splatcl.read(SHARED / n) for n in ("1.2-with-color.las", "simple.laz", "1.2-with-color.ptx"))
     np.testing.assert_array_equal(las.center, laz.center)
     np.testing.assert_allclose(las.center, ptx.center, atol=1e-3)
     np.testing.assert_array_equal(las.color, ptx.color)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from io_files import FACE, PCD, PLY, PTX, RAW, SOLID, STL, XYZ_ROWS, one_splat
 
-import splatcl.io
+import splatcl
 from splatcl.errors import FileError, InvalidSplatsError, SettingsError
+from splatcl.io.inspect import inspect
 
 BAD = [
     ("a.ply", b"", "is empty"),
@@ -88,25 +89,25 @@ def test_bad_file_is_one_line_that_names_path_and_place(tmp_path, name, data, me
     path = tmp_path / name
     path.write_bytes(data if isinstance(data, bytes) else data.encode())
     with pytest.raises(FileError) as caught:
-        splatcl.io.read(path)
+        splatcl.read(path)
     text = str(caught.value)
     assert text.startswith(f"{path}: ")
     assert message in text
     assert "\n" not in text
     with pytest.raises(FileError):
-        splatcl.io.inspect(path)
+        inspect(path)
 
 
 def test_blank_lines_may_follow_the_rows_of_a_ply(tmp_path):
     (tmp_path / "a.ply").write_text(PLY + "end_header\n" + XYZ_ROWS + "\n  \n\r\n")
-    assert len(splatcl.io.read(tmp_path / "a.ply")) == 3
+    assert len(splatcl.read(tmp_path / "a.ply")) == 3
 
 
 def test_missing_file_and_directory(tmp_path):
     with pytest.raises(FileError, match=r"none\.ply: No such file"):
-        splatcl.io.read(tmp_path / "none.ply")
+        splatcl.read(tmp_path / "none.ply")
     with pytest.raises(FileError, match="is a directory; give a file in it"):
-        splatcl.io.read(tmp_path)
+        splatcl.read(tmp_path)
 
 
 @pytest.mark.parametrize("number", ["nan", "inf", "-inf", "1e400", "1e16"])
@@ -118,10 +119,10 @@ def test_unusable_coordinates_are_counted_or_dropped(tmp_path, name, number):
     path = tmp_path / name
     path.write_text(head + "".join(text.format(line) for line in lines))
     with pytest.raises(InvalidSplatsError) as caught:
-        splatcl.io.read(path)
+        splatcl.read(path)
     assert str(caught.value).startswith(f"{path}: 1 of 4 points (1 with a ")
     assert "the first is point 1); drop them with on_invalid='drop'" in str(caught.value)
-    splats = splatcl.io.read(path, on_invalid="drop")
+    splats = splatcl.read(path, on_invalid="drop")
     assert (len(splats), splats.num_dropped) == (3, 1)
     assert any(note.startswith("dropped 1 of 4 points") for note in splats.notes)
 
@@ -130,20 +131,20 @@ def test_mesh_with_unusable_corners(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv nan inf -Inf\nf 1 2 3\nf 2 4 3\n")
     with pytest.raises(InvalidSplatsError, match=r"a\.obj: 1 of 2 triangles .* face 1"):
-        splatcl.io.read(path)
-    assert splatcl.io.read(path, on_invalid="drop").num_dropped == 1
-    assert splatcl.io.inspect(path).skipped == ((1, "triangles with a non-finite or huge number"),)
+        splatcl.read(path)
+    assert splatcl.read(path, on_invalid="drop").num_dropped == 1
+    assert inspect(path).skipped == ((1, "triangles with a non-finite or huge number"),)
 
 
 def test_all_unusable_is_an_error_even_when_dropping(tmp_path):
     (tmp_path / "a.xyz").write_text("nan 0 0\n")
     with pytest.raises(InvalidSplatsError, match="no usable point is left"):
-        splatcl.io.read(tmp_path / "a.xyz", on_invalid="drop")
+        splatcl.read(tmp_path / "a.xyz", on_invalid="drop")
 
 
 def test_unknown_on_invalid(tmp_path):
     with pytest.raises(SettingsError, match="neither 'error' nor 'drop'"):
-        splatcl.io.read(tmp_path / "a.ply", on_invalid="ignore")  # type: ignore[arg-type]
+        splatcl.read(tmp_path / "a.ply", on_invalid="ignore")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -154,7 +155,7 @@ def test_missing_library_is_named_with_its_remedy(tmp_path, monkeypatch, name, m
     (tmp_path / name).write_bytes(STL)
     kind = name[2:].upper()
     with pytest.raises(FileError) as caught:
-        splatcl.io.read(tmp_path / name)
+        splatcl.read(tmp_path / name)
     assert str(caught.value).endswith(f"reading {kind} needs {module}: pip install 'splatcl[{extra}]'")
 
 
@@ -163,19 +164,19 @@ def test_glb_that_needs_an_unknown_extension(tmp_path):
     data = b"glTF" + struct.pack("<III", 2, 20 + len(header), len(header)) + b"JSON" + header
     (tmp_path / "a.glb").write_bytes(data)
     with pytest.raises(FileError, match="needs the glTF extension KHR_draco_mesh_compression"):
-        splatcl.io.read(tmp_path / "a.glb")
+        splatcl.read(tmp_path / "a.glb")
 
 
 @pytest.mark.parametrize("name", ["a.obj", "a", "none/a.ply"])
 def test_splats_are_not_written_elsewhere(tmp_path, name):
     with pytest.raises(FileError, match=r"\.ply or \.npz|does not exist"):
-        splatcl.io.write(one_splat(), tmp_path / name)
+        splatcl.write(one_splat(), tmp_path / name)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     path = tmp_path / "a.npz"
-    splatcl.io.write(one_splat(), path)
+    splatcl.write(one_splat(), path)
     before = path.read_bytes()
 
     def fail(*_, **__):
@@ -183,7 +184,7 @@ def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
 
     monkeypatch.setattr(np, "savez", fail)
     with pytest.raises(FileError, match=r"cannot write: No space left on device"):
-        splatcl.io.write(one_splat(), path)
+        splatcl.write(one_splat(), path)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == ["a.npz"]
 
@@ -191,16 +192,16 @@ def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
 def test_damaged_native_files(tmp_path):
     np.savez(tmp_path / "a.npz", center=np.zeros((2, 3)))
     with pytest.raises(FileError, match=r"has no array tangent_u"):
-        splatcl.io.read(tmp_path / "a.npz")
+        splatcl.read(tmp_path / "a.npz")
     arrays = {name: np.ones((2, 3)) for name in ("center", "tangent_u", "tangent_v", "color")}
     np.savez(tmp_path / "a.npz", **{**arrays, "color": np.ones((1, 3))})
     with pytest.raises(FileError, match="array color has 1 rows but center has 2"):
-        splatcl.io.read(tmp_path / "a.npz")
+        splatcl.read(tmp_path / "a.npz")
     np.savez(tmp_path / "a.npz", **arrays)
     with pytest.raises(InvalidSplatsError, match=r"2 of 2 splats .2 with"):
-        splatcl.io.read(tmp_path / "a.npz")
-    splatcl.io.write(one_splat(), tmp_path / "a.ply")
+        splatcl.read(tmp_path / "a.npz")
+    splatcl.write(one_splat(), tmp_path / "a.ply")
     data = (tmp_path / "a.ply").read_bytes().replace(b'"oriented": true', b'"oriented":,true')
     (tmp_path / "a.ply").write_bytes(data)
     with pytest.raises(FileError, match="the splatcl comment in its header is damaged"):
-        splatcl.io.read(tmp_path / "a.ply")
+        splatcl.read(tmp_path / "a.ply")

@@ -9,9 +9,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from io_files import FACE, PCD, PLY, PTX, RAW, STL, XYZ_ROWS, one_splat
 
-import splatcl.io
+import splatcl
 from splatcl.errors import FileError, SplatclError
-from splatcl.splats import Splats
+from splatcl.scene.splats import Splats
 
 
 def laz_bytes(folder, name="a.laz"):
@@ -31,7 +31,7 @@ def test_damaged_counts_of_a_survey_are_refused_at_once(tmp_path, name, place):
     (tmp_path / name).write_bytes(data)
     start = time.perf_counter()
     with pytest.raises(FileError, match=r"byte (96|105)|not a readable LAZ"):
-        splatcl.io.read(tmp_path / name)
+        splatcl.read(tmp_path / name)
     assert time.perf_counter() - start < 5
 
 
@@ -41,7 +41,7 @@ def test_damaged_chunk_table_of_a_laz_is_refused(tmp_path):
     data[table + 4 : table + 8] = b"\xff\xff\xff\xff"  # lazrs aborts the whole process at this
     (tmp_path / "a.laz").write_bytes(data)
     with pytest.raises(FileError, match="damaged or was cut"):
-        splatcl.io.read(tmp_path / "a.laz")
+        splatcl.read(tmp_path / "a.laz")
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +70,7 @@ def small_files(tmp_path_factory):
         PointCloud.from_xyz_points(points).save(folder / "p.pcd", encoding)
         files[f"{encoding.value}.pcd"] = (folder / "p.pcd").read_bytes()
     for name in ("native.ply", "native.npz"):
-        splatcl.io.write(one_splat(), folder / name)
+        splatcl.write(one_splat(), folder / name)
         files[name] = (folder / name).read_bytes()
     return folder, files
 
@@ -98,7 +98,7 @@ def test_damaged_bytes_give_splats_or_a_clear_error(small_files, data, edits):
     path.write_bytes(content)
     start = time.perf_counter()
     try:
-        assert isinstance(splatcl.io.read(path, data.draw(st.sampled_from(["error", "drop"]))), Splats)
+        assert isinstance(splatcl.read(path, data.draw(st.sampled_from(["error", "drop"]))), Splats)
     except SplatclError as error:
         assert str(error).startswith(f"{path}: ")
         assert "\n" not in str(error)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from io_files import native
 
-import splatcl.io
+import splatcl
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.npz"])
@@ -17,8 +17,8 @@ import splatcl.io
 @pytest.mark.parametrize("num", [0, 50])
 def test_native_round_trip_is_exact(tmp_path, name, dtype, oriented, num):
     splats = native(dtype, oriented, num)
-    splatcl.io.write(splats, tmp_path / name)
-    again = splatcl.io.read(tmp_path / name)
+    splatcl.write(splats, tmp_path / name)
+    again = splatcl.read(tmp_path / name)
     for field in ("center", "tangent_u", "tangent_v", "color"):
         one, two = getattr(splats, field), getattr(again, field)
         assert one.dtype == two.dtype
@@ -29,16 +29,16 @@ def test_native_round_trip_is_exact(tmp_path, name, dtype, oriented, num):
 
 @pytest.mark.parametrize("name", ["a.ply", "a.npz"])
 def test_native_bytes_do_not_depend_on_when_or_where(tmp_path, name, monkeypatch):
-    splatcl.io.write(native(), tmp_path / name)
+    splatcl.write(native(), tmp_path / name)
     (tmp_path / "sub").mkdir()
     monkeypatch.setattr(time, "time", lambda: 1.5e9)
-    splatcl.io.write(native(), tmp_path / "sub" / name)
+    splatcl.write(native(), tmp_path / "sub" / name)
     assert (tmp_path / name).read_bytes() == (tmp_path / "sub" / name).read_bytes()
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted([name, "sub"])  # no temporary file is left
 
 
 def test_native_ply_is_plain_ply(tmp_path):
-    splatcl.io.write(native(np.float32), tmp_path / "a.ply")
+    splatcl.write(native(np.float32), tmp_path / "a.ply")
     head = (tmp_path / "a.ply").read_bytes().partition(b"end_header\n")[0].decode()
     assert "format binary_little_endian 1.0" in head
     assert [line.split()[2] for line in head.splitlines() if line.startswith("property float")] == [
@@ -52,9 +52,9 @@ def test_native_files_follow_links_and_respect_the_umask(tmp_path, name):
     (tmp_path / name).symlink_to(tmp_path / "far" / name)
     before = os.umask(0o027)
     try:
-        splatcl.io.write(native(), tmp_path / name)
+        splatcl.write(native(), tmp_path / name)
     finally:
         os.umask(before)
     assert (tmp_path / name).is_symlink()
     assert stat.S_IMODE((tmp_path / "far" / name).stat().st_mode) == 0o640
-    assert len(splatcl.io.read(tmp_path / name)) == 50
+    assert len(splatcl.read(tmp_path / name)) == 50

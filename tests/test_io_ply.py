@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from io_files import BYTES, FACES, NORMALS, POINTS, close, gaussian, linear, ply, put, rows, xyz
 
-import splatcl.io
-from splatcl.io.color import linear_integers, srgb_to_linear
-from splatcl.io.formats import load_model
-from splatcl.splats import DEFAULT_COLOR
+import splatcl
+from splatcl.io.read import load_model
+from splatcl.io.readers.color import linear_integers, srgb_to_linear
+from splatcl.scene.splats import DEFAULT_COLOR
 
 FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
 
@@ -19,7 +19,7 @@ def test_ply_points(tmp_path, form, kind, newline):
     properties = [*xyz(kind), ("short", "odd"), *[("float", n) for n in ("nx", "ny", "nz")]]
     data = rows(POINTS, np.arange(5)[:, None], NORMALS)
     file = ply(form, [("vertex", properties, data), ("other", [("int", "a")], [[1], [2]])], newline)
-    splats = splatcl.io.read(put(tmp_path / "a.ply", file))
+    splats = splatcl.read(put(tmp_path / "a.ply", file))
     np.testing.assert_array_equal(splats.center, POINTS)
     assert splats.center.dtype == {"float": np.float32, "double": np.float64}[kind]
     np.testing.assert_allclose(splats.normal, NORMALS, atol=1e-6)
@@ -31,7 +31,7 @@ def test_ply_points(tmp_path, form, kind, newline):
 def test_ply_header_that_plyfile_refuses(tmp_path):
     file = ply("binary_little_endian", [("vertex", xyz(), rows(POINTS))], comments=["für Müller"])
     file = file.replace(b"element vertex 5\n", b"element vertex 5 \r\n").replace(b"end_header", b"end_header ")
-    np.testing.assert_array_equal(splatcl.io.read(put(tmp_path / "a.ply", file)).center, POINTS)
+    np.testing.assert_array_equal(splatcl.read(put(tmp_path / "a.ply", file)).center, POINTS)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -44,7 +44,7 @@ def test_ply_colors_of_every_type(tmp_path, form):
         ("float", BYTES / 255.0, BYTES / 255.0),
     ]:
         file = ply(form, [("vertex", [*xyz(), *[(kind, n) for n in names]], rows(POINTS, values))])
-        close(splatcl.io.read(put(tmp_path / "a.ply", file)).color, expected)
+        close(splatcl.read(put(tmp_path / "a.ply", file)).color, expected)
 
 
 @pytest.mark.parametrize("form", FORMS[1:])
@@ -75,7 +75,7 @@ def test_integer_colors_are_clamped_to_black_and_white(kind, white):
 
 def test_ply_radius_makes_circles(tmp_path):
     file = ply("ascii", [("vertex", [*xyz(), ("float", "radius")], rows(POINTS, np.full((5, 1), 0.5)))])
-    splats = splatcl.io.read(put(tmp_path / "a.ply", file))
+    splats = splatcl.read(put(tmp_path / "a.ply", file))
     for tangent in (splats.tangent_u, splats.tangent_v):
         np.testing.assert_allclose(np.linalg.norm(tangent, axis=1), 0.5, rtol=1e-6)
 
@@ -85,7 +85,7 @@ def test_ply_radius_makes_circles(tmp_path):
 def test_ply_mesh_of_triangles(tmp_path, form, name):
     faces = [("list uchar int", name)]
     file = ply(form, [("vertex", xyz(), rows(POINTS)), ("face", faces, [[f] for f in FACES])])
-    splats = splatcl.io.read(put(tmp_path / "a.ply", file))
+    splats = splatcl.read(put(tmp_path / "a.ply", file))
     assert any(note.startswith("covered 3 triangles") for note in splats.notes)
     assert (splats.normal[:, 2] > 0).all()
 
@@ -95,7 +95,7 @@ def test_ply_mesh_of_polygons_with_face_colors(tmp_path, form):
     properties = [("list uchar uint", "vertex_indices"), *[("uchar", n) for n in ("red", "green", "blue")]]
     faces = [[[0, 1, 3, 2], 0, 0, 255], [[1, 4, 3], 255, 0, 0], [[0, 1], 0, 255, 0]]
     file = ply(form, [("vertex", xyz(), rows(POINTS)), ("face", properties, faces)])
-    splats = splatcl.io.read(put(tmp_path / "a.ply", file))
+    splats = splatcl.read(put(tmp_path / "a.ply", file))
     assert "left out 1 faces of fewer than 3 corners" in splats.notes
     np.testing.assert_array_equal(np.unique(splats.color, axis=0), [[0, 0, 1], [1, 0, 0]])
     red = splats.center[splats.color[:, 0] == 1]
@@ -105,14 +105,14 @@ def test_ply_mesh_of_polygons_with_face_colors(tmp_path, form):
 @pytest.mark.parametrize("form", FORMS)
 def test_ply_triangle_strips(tmp_path, form):
     strips = ("tristrips", [("list int int", "vertex_indices")], [[[0, 1, 2, 3, -1, 1, 4, 3]]])
-    splats = splatcl.io.read(put(tmp_path / "a.ply", ply(form, [("vertex", xyz(), rows(POINTS)), strips])))
+    splats = splatcl.read(put(tmp_path / "a.ply", ply(form, [("vertex", xyz(), rows(POINTS)), strips])))
     assert any(note.startswith("covered 3 triangles") for note in splats.notes)
     assert (splats.normal[:, 2] > 0).all()  # every other triangle of a strip is turned
 
 
 def test_ply_range_grid_is_points(tmp_path):
     scan = ("range_grid", [("list uchar int", "vertex_indices")], [[[0]], [[]], [[1]]])
-    splats = splatcl.io.read(put(tmp_path / "a.ply", ply("binary_big_endian", [("vertex", xyz(), rows(POINTS)), scan])))
+    splats = splatcl.read(put(tmp_path / "a.ply", ply("binary_big_endian", [("vertex", xyz(), rows(POINTS)), scan])))
     np.testing.assert_array_equal(splats.center, POINTS)
     assert not splats.oriented
 
@@ -123,7 +123,7 @@ def test_gaussians_become_discs_of_the_two_longest_axes(tmp_path):
         3, x=1, y=2, z=3, f_dc_0=1, f_dc_1=0, f_dc_2=-4,
         scale_0=0, scale_1=np.log(2), scale_2=np.log(0.5), rot_0=3 * half, rot_3=3 * half,
     )  # fmt: skip
-    splats = splatcl.io.read(put(tmp_path / "a.ply", file))
+    splats = splatcl.read(put(tmp_path / "a.ply", file))
     # A quarter turn about z takes the axes x, y to y, -x; rims are at 2 sigma.
     np.testing.assert_allclose(splats.tangent_u, [[-4, 0, 0]], atol=1e-6)
     np.testing.assert_allclose(splats.tangent_v, [[0, 2, 0]], atol=1e-6)
@@ -136,6 +136,6 @@ def test_gaussians_become_discs_of_the_two_longest_axes(tmp_path):
 
 def test_gaussians_of_two_axes(tmp_path):
     file = gaussian(2, scale_0=np.log(3), scale_1=0, rot_0=1)
-    splats = splatcl.io.read(put(tmp_path / "a.ply", file))
+    splats = splatcl.read(put(tmp_path / "a.ply", file))
     np.testing.assert_allclose(splats.tangent_u, [[6, 0, 0]], atol=1e-6)
     np.testing.assert_allclose(splats.tangent_v, [[0, 2, 0]], atol=1e-6)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from io_files import BYTES, NORMALS, POINTS, close, linear, put
 
-import splatcl.io
+import splatcl
 from splatcl.errors import FileError
-from splatcl.splats import DEFAULT_COLOR
+from splatcl.scene.splats import DEFAULT_COLOR
 
 
 @pytest.mark.parametrize("encoding", ["ascii", "binary", "binary_compressed"])
@@ -20,7 +20,7 @@ def test_pcd(tmp_path, encoding):
         types = [np.float32] * 7 + [last.dtype.type]
         cloud = PointCloud.from_points([*[c.astype(np.float32) for c in columns], last], names, types)
         cloud.save(tmp_path / "a.pcd", Encoding(encoding))
-        splats = splatcl.io.read(tmp_path / "a.pcd")
+        splats = splatcl.read(tmp_path / "a.pcd")
         np.testing.assert_array_equal(splats.center, POINTS)
         np.testing.assert_allclose(splats.normal, NORMALS, atol=1e-6)
         if not (encoding == "ascii" and last.dtype == np.float32):  # text loses bits of a colour in a float
@@ -32,7 +32,7 @@ def test_pcd_ascii_with_other_blanks_and_missing_returns(tmp_path):
     head = "VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 2\nHEIGHT 2\n"
     head += "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 4\nDATA ascii\n"
     path = put(tmp_path / "a.pcd", head + "0 0 0 \n1  0\t0\nnan nan nan\n0 1 0\n")
-    splats = splatcl.io.read(path, on_invalid="drop")
+    splats = splatcl.read(path, on_invalid="drop")
     np.testing.assert_array_equal(splats.center, [[0, 0, 0], [1, 0, 0], [0, 1, 0]])
     assert splats.num_dropped == 1
 
@@ -49,7 +49,7 @@ def test_las(tmp_path, name, version, form):
         survey.x, survey.y, survey.z = (POINTS + origin).T
         survey.red, survey.green, survey.blue = (BYTES * scale).T.astype(np.uint16)
         survey.write(tmp_path / name)
-        splats = splatcl.io.read(tmp_path / name)
+        splats = splatcl.read(tmp_path / name)
         np.testing.assert_array_equal(splats.center, POINTS + origin)
         close(splats.color, expected)
         assert ("colours are 8-bit values in 16-bit fields" in splats.notes) == (scale == 1)
@@ -61,7 +61,7 @@ def test_las_without_color(tmp_path):
     survey = laspy.LasData(laspy.LasHeader(version="1.2", point_format=3))
     survey.x, survey.y, survey.z = POINTS.T
     survey.write(tmp_path / "a.las")
-    splats = splatcl.io.read(tmp_path / "a.las")
+    splats = splatcl.read(tmp_path / "a.las")
     close(splats.color, np.tile(DEFAULT_COLOR, (5, 1)))
     assert "ignored colours: all are zero" in splats.notes
 
@@ -82,6 +82,6 @@ def test_a_cut_pcd_says_what_is_missing(tmp_path, encoding, missing):
     whole = path.read_bytes()
     path.write_bytes(whole.rstrip().rpartition(b" ")[0] if encoding == "ascii" else whole[:-5])
     with pytest.raises(FileError) as caught:
-        splatcl.io.read(path)
+        splatcl.read(path)
     assert str(caught.value).startswith(f"{path}: ") and missing in str(caught.value)
     assert str(caught.value).endswith("the file was cut")

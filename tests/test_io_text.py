@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from io_files import BYTES, NORMALS, POINTS, close, linear, put
 
-import splatcl.io
-from splatcl.splats import DEFAULT_COLOR
+import splatcl
+from splatcl.io.inspect import inspect
+from splatcl.scene.splats import DEFAULT_COLOR
 
 TEXTS = [
     ("a.xyz", "{x:r} {y:r} {z:r}\n", ""),
@@ -33,7 +34,7 @@ def test_text_points(tmp_path, name, line, head):
         )
         for p, n, c in zip((POINTS + 0.1).tolist(), NORMALS.tolist(), BYTES.tolist(), strict=True)
     )
-    splats = splatcl.io.read(put(tmp_path / name, head + body))
+    splats = splatcl.read(put(tmp_path / name, head + body))
     np.testing.assert_array_equal(splats.center, POINTS + 0.1)  # float64, to the last bit
     assert splats.oriented == ("{n}" in line)
     if "{n}" in line:
@@ -43,14 +44,14 @@ def test_text_points(tmp_path, name, line, head):
 
 def test_pwn_with_normals_after_all_points(tmp_path):
     text = "\n".join(["5", *[" ".join(map(str, row)) for row in [*POINTS.tolist(), *NORMALS.tolist()]]])
-    splats = splatcl.io.read(put(tmp_path / "a.pwn", text))
+    splats = splatcl.read(put(tmp_path / "a.pwn", text))
     np.testing.assert_array_equal(splats.center, POINTS)
     np.testing.assert_allclose(splats.normal, NORMALS, atol=1e-12)
 
 
 def test_decimal_colors_in_text_are_linear(tmp_path):
     text = "".join(f"{p[0]} {p[1]} {p[2]} 0.25 0.5 1\n" for p in POINTS)
-    close(splatcl.io.read(put(tmp_path / "a.xyzrgb", text)).color, np.tile([0.25, 0.5, 1.0], (5, 1)))
+    close(splatcl.read(put(tmp_path / "a.xyzrgb", text)).color, np.tile([0.25, 0.5, 1.0], (5, 1)))
 
 
 def test_ptx_scans_are_placed_by_their_matrices(tmp_path):
@@ -59,7 +60,7 @@ def test_ptx_scans_are_placed_by_their_matrices(tmp_path):
     for move in (10, 20):
         scans += f"1\n4\n{pose}0 1 0 0\n-1 0 0 0\n0 0 1 0\n{move} 0 0 1\n0 0 0 0.5 0 0 0\n"
         scans += "1 0 0 0.5 255 0 10\n0 2 0 0.5 0 0 0\n0 0 3 0.5 128 128 128\n"
-    splats = splatcl.io.read(put(tmp_path / "a.ptx", scans))
+    splats = splatcl.read(put(tmp_path / "a.ptx", scans))
     first = [[10, 1, 0], [8, 0, 0], [10, 0, 3]]  # a quarter turn about z, then the move; rows times matrix
     np.testing.assert_array_equal(splats.center, [*first, *np.add(first, (10, 0, 0))])
     close(splats.color[:3], linear([[255, 0, 10], [0, 0, 0], [128, 128, 128]]))
@@ -84,6 +85,6 @@ COMMAS = "; commas separate numbers here: write decimal points, not commas"
 )
 def test_guessed_columns_are_told(tmp_path, name, line, notes):
     path = put(tmp_path / name, "".join(line.format(i) for i in range(1, 6)))
-    assert list(splatcl.io.inspect(path).notes) == notes
+    assert list(inspect(path).notes) == notes
     named = put(tmp_path / "b.csv", "x y z u v w\n" + "".join(f"{i} 0 0 0 0 1\n" for i in range(5)))
-    assert splatcl.io.inspect(named).notes == ("ignored columns u, v, w",)
+    assert inspect(named).notes == ("ignored columns u, v, w",)

@@ -10,8 +10,9 @@ from agreement import scene
 from passes import DevicePasses
 from scenes import CAMERAS, EPSILON, VIEWS, any_camera, any_discs
 
-from splatcl import RenderSettings, pipeline
-from splatcl.passes import EVERY
+from splatcl import RenderSettings
+from splatcl.opencl.passes import bin as bin_pass
+from splatcl.opencl.state.context import EVERY
 
 TILES = [8, 16, 32, 64]
 WAYS = (  # few, as each is compiled: tile size, footprint, pre-filter, and whether there are clip lines
@@ -55,10 +56,10 @@ def assert_layers_do_not_show(device, splats, camera, settings, tile_size):
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
-@pytest.mark.parametrize("thickness", [0, pipeline.FRONT_THICKNESS])
+@pytest.mark.parametrize("thickness", [0, bin_pass.FRONT_THICKNESS])
 @pytest.mark.parametrize(("scene_name", "camera_name"), VIEWS)
 def test_layers_do_not_change_the_sums(device, monkeypatch, scene_name, camera_name, thickness, precision):
-    monkeypatch.setattr(pipeline, "FRONT_THICKNESS", thickness)
+    monkeypatch.setattr(bin_pass, "FRONT_THICKNESS", thickness)
     settings = RenderSettings(epsilon=EPSILON, precision=precision)
     tile_size = TILES[VIEWS.index((scene_name, camera_name)) % len(TILES)]
     assert_layers_do_not_show(device, scene(scene_name), CAMERAS[camera_name], settings, tile_size)
@@ -68,7 +69,7 @@ def test_layers_do_not_change_the_sums(device, monkeypatch, scene_name, camera_n
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_layers_of_any_discs_do_not_change_the_sums(device, monkeypatch, projection, precision):
     """Mutation: no epsilon in hiding_of."""
-    monkeypatch.setattr(pipeline, "FRONT_THICKNESS", 0)
+    monkeypatch.setattr(bin_pass, "FRONT_THICKNESS", 0)
     for seed in range(60):
         rng = np.random.default_rng(seed)
         camera = any_camera(rng, projection)
@@ -83,13 +84,13 @@ def test_layers_of_any_discs_do_not_change_the_sums(device, monkeypatch, project
 @pytest.fixture
 def no_front(monkeypatch):
     """Have every entry say how near it is."""
-    monkeypatch.setattr(pipeline, "FRONT_THICKNESS", -1e30)
+    monkeypatch.setattr(bin_pass, "FRONT_THICKNESS", -1e30)
 
 
 def read_clues(passes, tile_size):
     """Yield a tile's first pixel, its records, their attributes and their clues."""
     device, own = passes.device, passes.passes
-    for lists in pipeline.bin(own, passes.view, passes.splats):
+    for lists in bin_pass.bin(own, passes.view, passes.splats):
         clues = device.read(lists.clues, (lists.start + lists.begin[-1],), np.int32)[lists.start :]
         records, attributes = passes.read(lists)
         for k in range(lists.last_tile - lists.first_tile):

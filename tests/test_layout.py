@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from splatcl import layout
-from splatcl.device import Program, choose_device
 from splatcl.errors import DeviceError
+from splatcl.opencl.device import structs as layout
+from splatcl.opencl.device.devices import choose_device
+from splatcl.opencl.device.queue import Program
 
 REALS = ["f4"] + ["f8"] * (choose_device().supports["double"] == "yes")
 

@@ -14,8 +14,8 @@ from tolerances import ENVIRONMENT, LIGHTMAP_PHONG, LIGHTMAP_SINGLE, SHADED_DOUB
 from splatcl import Camera, Light, Material, RenderSettings
 from splatcl.cli import MISTAKE
 from splatcl.errors import SettingsError
-from splatcl.lights import environment_lights
 from splatcl.oracle.lightmap import light_sums
+from splatcl.scene.lights import environment_lights
 
 __all__ = ["stub"]  # a fixture
 TWO = (Light("directional", (0.3, 2.0, 1.5)), Light("headlight", color=(0.3, 0.2, 0.1)))

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import tolerances as tol
 
-from splatcl import meshes
 from splatcl.errors import InvalidSplatsError
-from splatcl.meshes import splats_from_mesh, steiner_ellipses
+from splatcl.prepare import meshes
+from splatcl.prepare.meshes import splats_from_mesh, steiner_ellipses
 
 STEINER_AREA = 4 * np.pi / (3 * np.sqrt(3))
 """Area of a triangle's Steiner circumellipse, in areas of the triangle."""

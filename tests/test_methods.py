@@ -21,12 +21,13 @@ from tolerances import (
     WEIGHT_RELATIVE,
 )
 
-from splatcl import Camera, Material, RenderSettings, SplatclError, golden, oracle
+from splatcl import Camera, Material, RenderSettings, SplatclError, oracle
+from splatcl.evidence.golden.scenes import LIGHTS
 from splatcl.features import cube
-from splatcl.resident import GLOSS
+from splatcl.opencl.state.upload import GLOSS
 
 VECTORS = ("N", "albedo", "color", "depth.mean", "P")
-LIT = {"lights": golden.LIGHTS, "material": Material(0.1, 0.6, 0.4, 12.0)}
+LIT = {"lights": LIGHTS, "material": Material(0.1, 0.6, 0.4, 12.0)}
 CULL = {"facing": "cull"}  # one layer alone: half the programs to build
 ATTRIBUTES = (*GLOSS, "rough", "a", "b", "c", "d", "e")
 

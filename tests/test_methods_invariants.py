@@ -13,7 +13,8 @@ from scenes import CAMERAS, random_ellipses
 from test_invariants import NONE, arrays, assert_same_bits
 from tolerances import PERMUTED
 
-from splatcl import RenderSettings, pipeline
+from splatcl import RenderSettings
+from splatcl.opencl.passes import bin as bin_pass
 
 EPSILON = 0.25
 CHOICES = {  # as compiled for the golden images
@@ -38,12 +39,12 @@ def case(request):
 
 def test_chunks_and_bands_change_no_bit(renderer, monkeypatch, case):
     splats, chosen = case
-    whole, bands = arrays(renderer.render(splats, CAMERA, chosen)), pipeline.bands
+    whole, bands = arrays(renderer.render(splats, CAMERA, chosen)), bin_pass.bands
     assert whole["count"].max() > 1
     for chunk, most, band in ((16, 70, 100), (48, 3, 1)):
-        monkeypatch.setattr(pipeline, "MIN_CHUNK", chunk)
-        monkeypatch.setattr(pipeline, "MAX_CHUNKS", most)
-        monkeypatch.setattr(pipeline, "bands", lambda totals, _, band=band: bands(totals, band))
+        monkeypatch.setattr(bin_pass, "MIN_CHUNK", chunk)
+        monkeypatch.setattr(bin_pass, "MAX_CHUNKS", most)
+        monkeypatch.setattr(bin_pass, "bands", lambda totals, _, band=band: bands(totals, band))
         assert_same_bits(whole, arrays(renderer.render(splats, CAMERA, chosen)))
 
 

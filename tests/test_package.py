@@ -27,7 +27,7 @@ def test_importing_splatcl_imports_nothing_heavy():
 
 def test_help_imports_no_numbers():
     loaded = loaded_after("from splatcl.cli import main; main(['--help'])")
-    assert "cyclopts" in loaded and not loaded & {"numpy", "pyopencl", "scipy", "splatcl.render"}
+    assert "cyclopts" in loaded and not loaded & {"numpy", "pyopencl", "scipy", "splatcl.renderer"}
 
 
 def test_using_a_name_starts_no_opencl():
@@ -46,7 +46,7 @@ def test_every_name_is_there():
 
 
 @pytest.mark.parametrize(
-    "first", ["", "import splatcl.render", "from splatcl.render import Renderer", "splatcl.Camera"]
+    "first", ["", "import splatcl.renderer", "from splatcl.renderer import Renderer", "splatcl.Camera"]
 )
 def test_render_is_the_function_whatever_is_imported_first(first):
     assert run(f"import splatcl\n{first}\nprint(splatcl.render.__name__)") == "render\n"

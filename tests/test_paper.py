@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from tolerances import KERNEL_AREA, MOMENT_RELATIVE
 
+from splatcl.apps.paper import antialiasing, comparison, filters, metrics, perspective, report, scenes, sharp
+from splatcl.apps.paper.catalogue import EXPERIMENTS, chosen
+from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
 from splatcl.cli import main
 from splatcl.errors import SettingsError
-from splatcl.paper import antialiasing, comparison, filters, metrics, perspective, report, scenes, sharp
-from splatcl.paper.catalogue import EXPERIMENTS, chosen
-from splatcl.paper.experiment import Claim, Figure, Result, Run
 
 DOCS = Path(__file__).parents[1] / "docs"
 GREY = np.full((20, 24, 3), 0.5, np.float32)

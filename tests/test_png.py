@@ -11,8 +11,8 @@ import pytest
 
 from splatcl.errors import FileError, SettingsError
 from splatcl.io import png
-from splatcl.io.atomic import atomic_path, check_writable
 from splatcl.io.png import to_srgb8, write_png
+from splatcl.util.atomic import atomic_path, check_writable
 
 
 def pixel(rgb, alpha=1.0, exposure=0.0):

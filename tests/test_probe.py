@@ -16,10 +16,12 @@ from scenes import CAMERAS, EPSILON, VIEWS
 from tolerances import DEPTH_BY_HAND, PROBED_DISC
 
 import splatcl
-from splatcl import Camera, RenderSettings, SplatclError, Splats, uncertainty
+from splatcl import Camera, RenderSettings, SplatclError, Splats
 from splatcl.cli import MISTAKE, main
+from splatcl.evidence.host import margin as host_margin
+from splatcl.evidence.host import pairs
+from splatcl.evidence.probe_report import COLUMNS, REACH
 from splatcl.frame import Frame
-from splatcl.probe import COLUMNS, REACH
 
 ROOT = Path(__file__).parent.parent
 FLAT = Camera.look_at((0, 0, 3), (0, 0, 0), width=8, height=8, near=1, far=10)
@@ -187,8 +189,8 @@ def test_the_least_margin_is_the_pixel_s(renderer, scene_name):
     """Mutation: the margins of the rows without the other rows beside them (no depth to be behind) fail here."""
     splats, camera, settings = scene(scene_name), CAMERAS["outside"], RenderSettings(epsilon=EPSILON)
     frame = renderer.render(splats, camera, settings)
-    margin, _ = uncertainty.margin(splats, camera, settings, EPSILON)
-    nearly_tied = np.argwhere(margin < uncertainty.MAX_MARGIN)
+    margin, _ = host_margin.margin(splats, camera, settings, EPSILON)
+    nearly_tied = np.argwhere(margin < pairs.MAX_MARGIN)
     assert len(nearly_tied) >= 4
     for y, x in nearly_tied[:20].tolist():
         probe = frame.probe(x, y)

@@ -11,8 +11,8 @@ import time
 
 import pytest
 
-from splatcl import progress
-from splatcl.progress import stage
+from splatcl.util import progress
+from splatcl.util.progress import stage
 
 WORK = """
 import sys, time

@@ -20,7 +20,7 @@ from tolerances import (
 )
 
 from splatcl import Camera, RenderSettings, oracle
-from splatcl.io import read
+from splatcl.io.read import read
 from splatcl.oracle.buffers import NO_SPLAT
 from splatcl.oracle.project import project
 

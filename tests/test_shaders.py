@@ -12,7 +12,7 @@ from test_shade import SHAPE, TOLERANCE, expected
 from tolerances import NPR_TIES, NPR_TIES_SHARE
 
 from splatcl import Camera, Frame, Light, Npr, RenderSettings, SplatclError
-from splatcl.device import DeviceQueue
+from splatcl.opencl.device.strictness import Device
 
 LIGHTS = (Light("point", (-0.5, 0.2, 2.0), (0.5, 0.9, 0.1)), Light("directional", (-1.0, 0.5, 0.5), (0.2, 0.3, 0.9)))
 NPR = Npr((0.1, 0.35, 0.5, 0.75, 0.95), 0.3, 0.25, (0.25, 0.0, 0.5))
@@ -78,8 +78,7 @@ def test_aovs_give_the_bits_that_sums_give(device, shader):
     camera, sums = CAMERAS["off_center"], smooth_sums(1)
     settings = RenderSettings(0.0, shader=shader, npr=NPR, lights=LIGHTS)
     got, alone = (
-        DevicePasses(queue, random_ellipses(num=3), camera, settings).shade(sums)
-        for queue in (device, DeviceQueue(lanes=1))
+        DevicePasses(queue, random_ellipses(num=3), camera, settings).shade(sums) for queue in (device, Device(lanes=1))
     )
     aovs = {name: got[name] for name in ("P", "N", "albedo")} | {"weight": sums["weight_sum"]}
     again = Frame(aovs, camera, settings, {"epsilon": 0.0}).shade()

@@ -22,9 +22,9 @@ from tolerances import (
 from splatcl import Camera, Frame, Light, Material, RenderSettings, Splats, oracle
 from splatcl.errors import SettingsError, SplatclError
 from splatcl.io.exr import read_exr
-from splatcl.lights import Npr
 from splatcl.oracle.shadow import lookup, shadow_maps
 from splatcl.oracle.supersampling import enlarged
+from splatcl.scene.lights import Npr
 
 CASTING = (
     Light("directional", (0.3, 2.0, 1.5), (1.0, 0.0, 0.0), shadow="nearest", map_size=64),

@@ -7,7 +7,7 @@ import pytest
 
 from splatcl import Splats
 from splatcl.errors import InvalidSplatsError
-from splatcl.splats import BLOCK, REASONS
+from splatcl.scene.splats import BLOCK, REASONS
 
 MISTAKES = {
     REASONS[1]: [("center", np.nan), ("color", np.inf), ("tangent_u", -np.inf)],

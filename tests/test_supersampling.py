@@ -13,11 +13,11 @@ from test_invariants import NONE, assert_same_bits
 from tolerances import MARGIN_UNITS, SUPERSAMPLED, SUPERSAMPLED_COLOR, SUPERSAMPLED_MASKED, SUPERSAMPLED_ROUNDING
 
 from splatcl import Camera, Frame, Material, RenderSettings, SplatclError, Splats, oracle
-from splatcl.camera import MAX_SIZE
 from splatcl.io.png import to_srgb8
+from splatcl.opencl.session import _draw
+from splatcl.opencl.supersampling import MIN_SAMPLES, blocks, box_filtered, supersampled
 from splatcl.oracle.supersampling import averaged, enlarged
-from splatcl.render import _draw
-from splatcl.supersampling import MIN_SAMPLES, blocks, box_filtered, supersampled
+from splatcl.scene.camera import MAX_SIZE
 
 __all__ = ["stub"]  # a fixture
 

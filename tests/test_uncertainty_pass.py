@@ -15,20 +15,17 @@ from scenes import CAMERAS, SCENES
 from test_envelope import CHOICES, EVERY
 from tolerances import DEVICE_MARGIN, DEVICE_RELATIVE, SURVEY_MARGIN
 
-from splatcl import (
-    Camera,
-    Renderer,
-    RenderSettings,
-    Splats,
-    envelope,
-    golden,
-    nearby,
-    pipeline,
-    uncertainty,
-    uncertainty_pass,
-)
+from splatcl import Camera, Renderer, RenderSettings, Splats
 from splatcl.errors import DeviceError
-from splatcl.golden import GoldenScene
+from splatcl.evidence import envelope as envelope_pass
+from splatcl.evidence import margin as margin_pass
+from splatcl.evidence import nearby
+from splatcl.evidence.golden import check as golden
+from splatcl.evidence.golden.scenes import GoldenScene
+from splatcl.evidence.host import envelope, pairs
+from splatcl.evidence.host import margin as host_margin
+from splatcl.opencl.passes import bin as bin_pass
+from splatcl.scene.settings import effective_settings
 
 FOLDER = Path(__file__).resolve().parents[1] / "reference_images"
 sys.path.append(str(FOLDER))
@@ -42,20 +39,20 @@ LIGHT = ("facing_disc", "edge_on", "near_plane", "orthographic", "epsilon_along_
 
 def by_both(renderer, splats, camera, settings):
     """(The device's, the host's) margins and envelope, each by name."""
-    settings = pipeline.effective_settings(settings, splats.oriented)
+    settings = effective_settings(settings, splats.oriented)
     resident = renderer.upload(splats)
     epsilon = resident.epsilon(settings)
     on_device = images(renderer, resident, camera, settings)
     names = ("margin", "margin.raw")
-    on_host = dict(zip(names, uncertainty.margin(splats, camera, settings, epsilon), strict=True))
+    on_host = dict(zip(names, host_margin.margin(splats, camera, settings, epsilon), strict=True))
     return on_device, on_host | envelope.envelope(splats, camera, settings, epsilon)
 
 
 def images(renderer, resident, camera, settings, tolerance=envelope.TOLERANCE):
     """Every image that the device adds, by name."""
     arguments = resident, camera, settings, resident.epsilon(settings)
-    margin, raw = renderer.call(uncertainty_pass.margin, *arguments)
-    limits = renderer.call(uncertainty_pass.envelope, *arguments, tolerance)
+    margin, raw = renderer.call(margin_pass.margin, *arguments)
+    limits = renderer.call(envelope_pass.envelope, *arguments, tolerance)
     return {"margin": margin, "margin.raw": raw} | limits
 
 
@@ -75,7 +72,7 @@ def assert_the_same(on_device, on_host, units=DEVICE_MARGIN):
 
 @pytest.fixture(scope="module")
 def double_renderer(renderer):
-    if not uncertainty_pass.has_strict_double(renderer):
+    if not nearby.has_strict_double(renderer):
         pytest.skip("the device has no double precision")
     return renderer
 
@@ -149,22 +146,22 @@ def test_an_exactly_edge_on_disc_is_near_in_its_bounds_alone(double_renderer, re
     settings = RenderSettings(epsilon=0.1, prefilter="none")
     on_device, on_host = by_both(double_renderer, disc, camera, settings)
     assert_the_same(on_device, on_host)
-    assert 0 < np.count_nonzero(on_device["margin"] < uncertainty.MAX_MARGIN) < 400
+    assert 0 < np.count_nonzero(on_device["margin"] < pairs.MAX_MARGIN) < 400
     assert_bits(renderer_with(lanes=1), [(GoldenScene("edge_on", disc, camera, settings), on_device)])
 
 
 @pytest.mark.parametrize("tile", [4, 16])
 def test_tiles(expected, double_renderer, monkeypatch, tile):
     """Mutation: the list of every second block in the opposite order."""
-    monkeypatch.setattr(uncertainty_pass, "TILE", tile)
+    monkeypatch.setattr(nearby, "TILE", tile)
     assert_bits(double_renderer, expected)
 
 
 @pytest.mark.parametrize("chunk", [16, 48])
 def test_chunks_and_bands(expected, double_renderer, monkeypatch, chunk):
     """Mutation: `first_entry` left out of region_of; of the bounds given to `tile`."""
-    monkeypatch.setattr(pipeline, "MIN_CHUNK", chunk)
-    monkeypatch.setattr(pipeline, "MAX_CHUNKS", 1000)
+    monkeypatch.setattr(bin_pass, "MIN_CHUNK", chunk)
+    monkeypatch.setattr(bin_pass, "MAX_CHUNKS", 1000)
     monkeypatch.setattr(nearby, "MAX_LIST_ENTRIES", 500)
     monkeypatch.setattr(nearby, "MAX_BAND_RECORDS", {"tile": 100})
     monkeypatch.setattr(nearby, "ENTRIES_PER_ITEM", 24)
@@ -194,10 +191,11 @@ def test_the_host_computes_where_the_device_s_doubles_will_not_do(renderer, monk
         monkeypatch.setattr(renderer.device.strictness, "options", wrong)
     else:
         monkeypatch.setattr(renderer.device.strictness, "reason", lambda _: "flags")
-    monkeypatch.setattr(uncertainty_pass, "nearby", None)
+    for module in (margin_pass, envelope_pass):
+        monkeypatch.setattr(module, "nearby", None)
     found = images(renderer, resident, camera, settings, 8.0)
     epsilon = resident.epsilon(settings)
     expected = envelope.envelope(scene.splats, camera, settings, epsilon, 8.0)
-    expected["margin"], expected["margin.raw"] = uncertainty.margin(scene.splats, camera, settings, epsilon)
+    expected["margin"], expected["margin.raw"] = host_margin.margin(scene.splats, camera, settings, epsilon)
     for name, image in expected.items():
         np.testing.assert_array_equal(found[name], image)

@@ -15,7 +15,7 @@ from tolerances import USER_SHADED
 from splatcl import Frame, Light, RenderSettings, SplatclError, write
 from splatcl.cli import MISTAKE
 from splatcl.errors import SettingsError
-from splatcl.user_shader import build_error
+from splatcl.opencl.passes.user_shader import build_error
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples" / "shaders").glob("*.cl"))
 LIGHTS = (

@@ -15,7 +15,7 @@ from dataclasses import fields
 from cyclopts import App, CycloptsError, Parameter
 
 from splatcl.errors import CheckError, DeviceError, SplatclError
-from splatcl.settings import RenderSettings
+from splatcl.scene.settings import RenderSettings
 
 FAILED, MISTAKE, INTERRUPTED = 1, 2, 130
 MISTAKEN_PATH = frozenset(
@@ -63,7 +63,7 @@ COMMANDS = {
 """Each is a function in the file of its name, imported only when it is run."""
 
 for name, summary in COMMANDS.items():
-    app.command(f"splatcl.cli.{name}:{name}", name=name, help=summary)
+    app.command(f"splatcl.cli.commands.{name}:{name}", name=name, help=summary)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

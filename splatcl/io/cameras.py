@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.camera import Camera
 from splatcl.errors import CameraError, FileError
-from splatcl.io.atomic import atomic_path
+from splatcl.scene.camera import Camera
+from splatcl.util.atomic import atomic_path
 
 REQUIRED = ("width", "height", "fx", "fy", "cx", "cy", "axes")
 OPTIONAL = ("near", "far", "projection")

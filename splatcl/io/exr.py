@@ -7,22 +7,21 @@ import errno
 import json
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from types import NoneType
+from typing import Any, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.camera import Camera
 from splatcl.errors import FileError, SplatclError
-from splatcl.io.atomic import atomic_path
 from splatcl.io.cameras import camera_from_json, camera_to_json
-
-if TYPE_CHECKING:
-    from splatcl.frame import Frame
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
+from splatcl.util.atomic import atomic_path
 
 MULTI_CHANNEL = {
     "color": ("R", "G", "B", "A"),
@@ -40,7 +39,13 @@ ATTRIBUTE = "splatcl"
 EXR_MAGIC = b"\x76\x2f\x31\x01"
 
 
-def write_exr(path: str | os.PathLike[str], frame: Frame) -> None:
+def write_exr(
+    path: str | os.PathLike[str],
+    aovs: Mapping[str, NDArray[Any]],
+    camera: Camera,
+    settings: RenderSettings,
+    metadata: Mapping[str, Any],
+) -> None:
     """Write every AOV of a frame as one multi-channel OpenEXR file (lossless ZIP).
 
     Floating-point AOVs become FLOAT channels, integer ones UINT. The same frame gives the same bytes.
@@ -48,7 +53,12 @@ def write_exr(path: str | os.PathLike[str], frame: Frame) -> None:
     Parameters
     ----------
     path : path
-    frame : Frame
+    aovs : mapping of str to array
+        (H, W) or (H, W, C) by name.
+    camera : Camera
+    settings : RenderSettings
+    metadata : mapping
+        Further facts to record (JSON's types or NumPy numbers).
 
     Raises
     ------
@@ -59,13 +69,13 @@ def write_exr(path: str | os.PathLike[str], frame: Frame) -> None:
     """
     import OpenEXR
 
-    channels = {name: plane for aov in frame for name, plane in _planes(frame, aov)}
+    channels = {name: plane for aov in aovs for name, plane in _planes(aov, aovs[aov], camera)}
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
-        "worldToCamera": world_to_camera(frame.camera),
-        "worldToNDC": world_to_ndc(frame.camera),
-        ATTRIBUTE: _describe(frame),
+        "worldToCamera": world_to_camera(camera),
+        "worldToNDC": world_to_ndc(camera),
+        ATTRIBUTE: _describe(camera, settings, metadata),
     }
     with atomic_path(path) as temporary:
         try:
@@ -168,11 +178,11 @@ def _row_vector_matrix(matrix: NDArray[np.float64]) -> NDArray[np.float32]:
     return np.ascontiguousarray(matrix.T, dtype=np.float32)
 
 
-def _planes(frame: Frame, aov: str) -> Iterator[tuple[str, NDArray[Any]]]:
+def _planes(aov: str, values: NDArray[Any], camera: Camera) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield each channel of an AOV: its name and (H, W) contiguous float32 or uint32 (OpenEXR needs both)."""
-    pixels = np.asarray(frame[aov])
+    pixels = np.asarray(values)
     names = MULTI_CHANNEL.get(aov)
-    size = (frame.height, frame.width)
+    size = (camera.height, camera.width)
     expected = (*size, len(names)) if names else size
     if pixels.shape != expected:
         raise SplatclError(f"AOV {aov} has shape {pixels.shape}; it must be {expected}")
@@ -191,13 +201,13 @@ def _group(planes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return aovs | planes
 
 
-def _describe(frame: Frame) -> str:
+def _describe(camera: Camera, settings: RenderSettings, metadata: Mapping[str, Any]) -> str:
     versions = {name: version(name) for name in ("splatcl", "numpy", "OpenEXR")}
     description = {
-        **frame.metadata,
-        "camera": camera_to_json(frame.camera),
-        "settings": dataclasses.asdict(frame.settings),
-        "versions": {**versions, **frame.metadata.get("versions", {})},
+        **metadata,
+        "camera": camera_to_json(camera),
+        "settings": dataclasses.asdict(settings),
+        "versions": {**versions, **metadata.get("versions", {})},
     }
     return json.dumps(_plain(description), sort_keys=True, allow_nan=False)
 
@@ -213,3 +223,20 @@ def _plain(value: Any) -> Any:
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     return value if isinstance(value, str | int | float | None) else str(value)
+
+
+def from_json(hint: Any, value: Any) -> Any:
+    """Return a value of type `hint`, a dataclass or of what its fields may be, from what `dataclasses.asdict` wrote."""
+    options: list[Any] = [option for option in (hint, *get_args(hint)) if option not in (NoneType, Ellipsis)]
+    if isinstance(value, dict):
+        kind: Any = next((option for option in options if dataclasses.is_dataclass(option)), None)
+        if kind is None:
+            raise TypeError(f"{value!r} where {hint} belongs")
+        hints = get_type_hints(kind)
+        unknown = sorted(set(value) - set(hints))
+        if unknown:
+            raise TypeError(f"no {unknown[0]}")
+        return kind(**{name: from_json(hints[name], item) for name, item in value.items()})
+    if isinstance(value, list):
+        return tuple(from_json(options[-1], item) for item in value)
+    return value

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.errors import SettingsError
-from splatcl.io.atomic import atomic_path
+from splatcl.util.atomic import atomic_path
 
 MAX_EXPOSURE = 100.0
 BAND = 256

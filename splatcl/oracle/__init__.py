@@ -35,16 +35,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from splatcl.camera import Camera
-from splatcl.oracle.attributes import attributes
+from splatcl.oracle import attributes, project, shade, shadow, supersampling, visibility
 from splatcl.oracle.buffers import Array
-from splatcl.oracle.project import project
-from splatcl.oracle.shade import shade
-from splatcl.oracle.shadow import shadow_maps
-from splatcl.oracle.supersampling import averaged, enlarged
-from splatcl.oracle.visibility import visibility
-from splatcl.settings import RenderSettings
-from splatcl.splats import Splats
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
+from splatcl.scene.splats import Splats
 
 __all__ = ["auto_epsilon", "passes", "render"]
 
@@ -60,19 +55,19 @@ def passes(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
     `margin` leaves out which of several splats is front-most (coplanar ones tie everywhere); `id_margin` is of the
     visibility pass, that included. `epsilon` is in scene units.
     """
-    projected = project(splats, camera, settings)
-    depth = visibility(projected, camera, settings)
+    projected = project.project(splats, camera, settings)
+    depth = visibility.visibility(projected, camera, settings)
     names = list(splats.attributes)
     channels = np.stack([splats.attributes[name] for name in names], axis=1) if names else None
     gloss = _gloss(splats.attributes, settings, len(splats))
-    gbuffer = attributes(projected, depth, camera, settings, epsilon, splats.color, channels, gloss)
+    gbuffer = attributes.attributes(projected, depth, camera, settings, epsilon, splats.color, channels, gloss)
     with np.errstate(invalid="ignore", divide="ignore"):
         means = np.nan_to_num(gbuffer.channel_sum / gbuffer.weight_sum[..., None])
     named = {name: means[..., k] for k, name in enumerate(names)}
     pixel_gloss = _gloss(named, settings, gbuffer.weight_sum.shape)
-    shadows = shadow_maps(splats, settings, epsilon)
+    shadows = shadow.shadow_maps(splats, settings, epsilon)
     return {
-        **shade(gbuffer, depth, camera, settings, pixel_gloss, epsilon, shadows),
+        **shade.shade(gbuffer, depth, camera, settings, pixel_gloss, epsilon, shadows),
         "Z": depth.depth,
         "weight": gbuffer.weight_sum,
         "count": gbuffer.count,
@@ -95,6 +90,6 @@ def _gloss(named: Mapping[str, Array], settings: RenderSettings, shape: int | tu
 def render(splats: Splats, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
     """Run all passes; return the image and its AOVs, each (H, W) or (H, W, channels)."""
     n, epsilon = settings.supersampling, auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon
-    aovs = passes(splats, camera if n == 1 else enlarged(camera, n), settings, epsilon)
+    aovs = passes(splats, camera if n == 1 else supersampling.enlarged(camera, n), settings, epsilon)
     aovs["margin"] = np.minimum(aovs["margin"], aovs.pop("id_margin"))
-    return aovs if n == 1 else averaged(aovs, n)
+    return aovs if n == 1 else supersampling.averaged(aovs, n)

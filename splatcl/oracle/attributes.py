@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.buffers import NO_SPLAT, Array, DepthBuffer, GBuffer, ProjectedSplats
 from splatcl.oracle.geometry.fragments import Footprints, Fragments
 from splatcl.oracle.geometry.rays import UNIT, as_image, normalize, pixel_chunks, ray_length
 from splatcl.oracle.shade import shade_points
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
 
 
 def attributes(

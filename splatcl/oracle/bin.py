@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.buffers import Array, ProjectedSplats
+from splatcl.scene.camera import Camera
 
 
 def bin(projected: ProjectedSplats, camera: Camera, tile_size: int) -> list[Array]:

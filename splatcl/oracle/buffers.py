@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.camera import Camera
+from splatcl.scene.camera import Camera
 
 Array = NDArray[Any]
 NO_SPLAT = np.uint32(0xFFFFFFFF)

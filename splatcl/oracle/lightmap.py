@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatcl.camera import Camera
-from splatcl.lights import Light
 from splatcl.oracle.buffers import Array
 from splatcl.oracle.geometry.rays import normalize
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.lights import Light
+from splatcl.scene.settings import RenderSettings
 
 SIZE = 129
 """Samples each way."""

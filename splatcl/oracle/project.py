@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.buffers import NOTHING, Array, ProjectedSplats
 from splatcl.oracle.geometry.discs import disc_bounds
 from splatcl.oracle.geometry.ellipse_maps import EllipseMaps
@@ -19,8 +18,9 @@ from splatcl.oracle.geometry.rays import (
     to_image_plane,
     to_raster,
 )
-from splatcl.settings import RenderSettings
-from splatcl.splats import Splats
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
+from splatcl.scene.splats import Splats
 
 
 def project(splats: Splats, camera: Camera, settings: RenderSettings) -> ProjectedSplats:

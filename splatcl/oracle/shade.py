@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.errors import SettingsError
-from splatcl.lights import Light
 from splatcl.oracle.buffers import Array, DepthBuffer, GBuffer, Shadows
 from splatcl.oracle.geometry.rays import as_image, normalize, pixel_rays, ray_length
 from splatcl.oracle.lightmap import lightmap
 from splatcl.oracle.shadow import lookup
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.lights import Light
+from splatcl.scene.settings import RenderSettings
 
 
 def shade(

@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatcl.camera import Camera
-from splatcl.lights import Light
 from splatcl.oracle.buffers import Array, ShadowMap, Shadows
 from splatcl.oracle.geometry.rays import normalize
 from splatcl.oracle.project import project
 from splatcl.oracle.visibility import visibility
-from splatcl.settings import RenderSettings
-from splatcl.splats import Splats
+from splatcl.scene.camera import Camera
+from splatcl.scene.lights import Light
+from splatcl.scene.settings import RenderSettings
+from splatcl.scene.splats import Splats
 
 
 @dataclass(frozen=True, eq=False)

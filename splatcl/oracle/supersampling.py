@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.buffers import NO_SPLAT, Array
 from splatcl.oracle.geometry.rays import normalize
+from splatcl.scene.camera import Camera
 
 
 def enlarged(camera: Camera, n: int) -> Camera:

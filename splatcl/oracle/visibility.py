@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.buffers import NO_SPLAT, DepthBuffer, ProjectedSplats
 from splatcl.oracle.geometry.fragments import Footprints
 from splatcl.oracle.geometry.rays import UNIT, as_image, pixel_chunks
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
 
 
 def visibility(projected: ProjectedSplats, camera: Camera, settings: RenderSettings) -> DepthBuffer:

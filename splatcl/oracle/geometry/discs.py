@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.buffers import Array, ProjectedSplats
 from splatcl.oracle.geometry.rays import (
     CLEAR,
@@ -19,6 +18,7 @@ from splatcl.oracle.geometry.rays import (
     to_image_plane,
     to_raster,
 )
+from splatcl.scene.camera import Camera
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,10 +7,10 @@ from functools import cached_property
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.buffers import NOTHING, Array
 from splatcl.oracle.geometry.rays import CLEAR, TINY, UNIT, range_margin, to_raster
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
 
 
 @dataclass(frozen=True, eq=False)

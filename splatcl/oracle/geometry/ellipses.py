@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.buffers import Array, ProjectedSplats
 from splatcl.oracle.geometry.discs import Discs
 from splatcl.oracle.geometry.ellipse_maps import EllipseMaps
 from splatcl.oracle.geometry.rays import EDGE_ON, UNIT, facing_cosine, to_raster
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
 
 
 @dataclass(frozen=True, eq=False)

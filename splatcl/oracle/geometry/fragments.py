@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.buffers import Array, ProjectedSplats
 from splatcl.oracle.geometry.discs import Discs, Hits, intersect
 from splatcl.oracle.geometry.ellipses import Coverage, Ellipses, cover
 from splatcl.oracle.geometry.rays import OFFSET_ERROR, TINY, UNIT, to_raster
-from splatcl.settings import RenderSettings
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from splatcl.camera import Camera
 from splatcl.oracle.buffers import Array
+from splatcl.scene.camera import Camera
 
 UNIT = 2.0**-24
 """Half a float32 ulp of 1: the unit of every scale."""

@@ -1,0 +1,32 @@
+"""``splatcl devices``: what OpenCL offers."""
+
+from __future__ import annotations
+
+import sys
+
+from splatcl.errors import DeviceError
+
+
+def devices(*, device: str | None = None) -> None:
+    """List the OpenCL devices; a star marks the one that is used.
+
+    Parameters
+    ----------
+    device : str
+        The one to mark: an index of this list, or words of its name and version [default: that of SPLATCL_DEVICE,
+        else the one that renders].
+    """
+    from splatcl.opencl.device.devices import choose_device, list_devices
+
+    known, used, refusal = list_devices(), None, None
+    try:
+        used = choose_device(device).index
+    except DeviceError as error:
+        refusal = error
+    for info in known:
+        print(f"{'*' if info.index == used else ' '} {info.index}  {info.name}")
+        print(f"     {info.platform}, {info.version}")
+        print(f"     {', '.join(f'{name} {value}' for name, value in info.supports.items())}")
+    if refusal:
+        sys.stdout.flush()
+        raise refusal

@@ -1,0 +1,55 @@
+"""``--light``: a light as a text, such as kind=spot,vector=0:2:1,direction=0:-1:0,shadow=pcf (docs/lights.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from typing import Any
+
+from splatcl.errors import SettingsError
+from splatcl.scene.lights import Light
+from splatcl.scene.settings import RenderSettings
+
+VECTORS = ("vector", "color", "direction")
+WORDS = ("kind", "shadow")
+NAMES = tuple(field.name for field in fields(Light))
+
+
+def with_lights(settings: RenderSettings, texts: Sequence[str] | None) -> RenderSettings:
+    """Return the settings with the lights of `texts`, or as they are where there are none."""
+    return replace(settings, lights=tuple(map(parse_light, texts))) if texts else settings
+
+
+def parse_light(text: str) -> Light:
+    """Return the light that NAME=VALUE,NAME=VALUE... describes; `SettingsError` with the text and what is wrong."""
+    given: dict[str, Any] = {}
+    try:
+        for part in text.split(","):
+            name, _, value = (word.strip() for word in part.partition("="))
+            if not name or not value:
+                raise SettingsError(f"{part!r} is not NAME=VALUE")
+            if name not in NAMES:
+                raise SettingsError(f"a light has no {name!r}; it has {', '.join(NAMES)}")
+            if name in given:
+                raise SettingsError(f"{name} is given twice")
+            given[name] = _value(name, value)
+        light = Light(**given)
+        RenderSettings(lights=(light,))
+    except SettingsError as error:
+        raise SettingsError(f"--light {text}: {error}") from None
+    return light
+
+
+def _value(name: str, text: str) -> Any:
+    if name in WORDS or (name == "bias" and text == "auto"):
+        return text
+    try:
+        numbers = tuple(map(float, text.split(":")))
+    except ValueError:
+        numbers = ()
+    if len(numbers) != (3 if name in VECTORS else 1):
+        wanted = "three numbers such as 0:1.5:2" if name in VECTORS else "a number"
+        raise SettingsError(f"{name} {text!r} is not {wanted}")
+    if name in VECTORS:
+        return numbers
+    return int(numbers[0]) if name == "map_size" and numbers[0].is_integer() else numbers[0]

@@ -1,0 +1,1 @@
+"""What can be proved about a frame or a device."""

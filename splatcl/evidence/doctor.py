@@ -1,0 +1,148 @@
+"""A device's examination: its arithmetic, the environment's compiler flags, and the golden images."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from splatcl.errors import DeviceError
+from splatcl.evidence.golden import check as golden
+from splatcl.opencl.device import arithmetic
+from splatcl.opencl.device.arithmetic import Arithmetic, Finding
+from splatcl.opencl.device.devices import DeviceInfo
+from splatcl.opencl.device.queue import DeviceQueue
+from splatcl.opencl.device.strictness import injected_flags
+from splatcl.opencl.session import Session
+from splatcl.scene.settings import Precision
+
+LABEL_WIDTH = 12
+MOST_SHOWN = 8
+"""Golden images that differ, at most, in the readable report."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was found on one device; `as_json` has all of it, `lines` what one reads.
+
+    Parameters
+    ----------
+    problem : str
+        Why the device could not be examined at all; the rest is then empty.
+    profiles : dict of Arithmetic by precision
+        Without "double" where the device has none.
+    fma : str
+        Whether fma is fused in every vector; no kernel uses it.
+    flags : dict
+        Environment variables that inject compiler flags.
+    num_golden : int
+        Golden images rendered.
+    golden : tuple of str
+        AOVs whose hash differs.
+    """
+
+    device: DeviceInfo
+    problem: str = ""
+    profiles: tuple[Arithmetic, ...] = ()
+    fma: str = ""
+    flags: dict[str, str] | None = None
+    num_golden: int = 0
+    golden: tuple[str, ...] = ()
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why the device may not render references; empty if it may."""
+        reasons = [self.problem] if self.problem else []
+        reasons += [f"{variable} injects compiler flags" for variable in self.flags or ()]
+        for profile in self.profiles:
+            names = sorted({finding.operation for finding in profile.wrong})
+            reasons += [f"{profile.precision} precision: {', '.join(names)} wrong"] if names else []
+        if self.golden:
+            reasons.append(f"{len(self.golden)} AOVs of the golden images differ")
+        return reasons
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the report as JSON's types."""
+        device = {key: getattr(self.device, key) for key in ("index", "platform", "name", "version", "is_default")}
+        return {
+            "device": device | {"supports": dict(self.device.supports)},
+            "fit": not self.reasons,
+            "reasons": self.reasons,
+            "profiles": [asdict(p) | {"strict": not p.wrong, "options": p.options} for p in self.profiles],
+            "fma": self.fma,
+            "flags": self.flags or {},
+            "golden": {"num_scenes": self.num_golden, "mismatches": list(self.golden)},
+        }
+
+    def lines(self) -> Iterator[str]:
+        """Yield the lines of the readable report."""
+        device = self.device
+        yield f"{device.index}  {device.name}"
+        yield f"   {device.platform}, {device.version}"
+        for label, text in self._facts():
+            yield f"   {label:<{LABEL_WIDTH}} {text}"
+
+    def _facts(self) -> Iterator[tuple[str, str]]:
+        for profile in self.profiles:
+            yield profile.precision, _verdict(profile)
+            yield from (("", str(finding)) for finding in profile.wrong)
+        if self.profiles:
+            if len(self.profiles) == 1:
+                yield "double", "not supported"
+            yield "division", _own_or_ours(self.profiles, "EXACT_DIVIDE")
+            yield "square root", _own_or_ours(self.profiles, "EXACT_SQRT")
+            yield "subnormals", _subnormals(self.profiles)
+            yield "fma", f"{self.fma} (no kernel uses it)"
+        yield "flags", ", ".join(f"{name}={value}" for name, value in (self.flags or {}).items()) or "none injected"
+        if self.num_golden:
+            yield "golden", f"{len(self.golden)} AOVs differ" if self.golden else f"all {self.num_golden} images match"
+            yield from (("", mismatch) for mismatch in self.golden[:MOST_SHOWN])
+            if len(self.golden) > MOST_SHOWN:
+                yield "", f"... and {len(self.golden) - MOST_SHOWN} more"
+        yield "verdict", f"unfit: {'; '.join(self.reasons)}" if self.reasons else "fit for reference renders"
+
+
+def examine(device: DeviceInfo) -> Report:
+    """Test all the arithmetic of a device thoroughly, and render the golden images on it."""
+    flags = injected_flags()
+    try:
+        queue = DeviceQueue(device.index)
+        precisions: list[Precision] = ["single", "double"] if device.supports["double"] == "yes" else ["single"]
+        profiles = tuple(
+            arithmetic.examine(queue, precision, arithmetic.LANES[precision], arithmetic.THOROUGH)
+            for precision in precisions
+        )
+        fma = _fma(queue, precisions)
+        session = Session(device.index, allow_inexact=True)
+        mismatches = tuple(golden.check(session))
+        return Report(device, "", profiles, fma, flags, len(golden.renderable(session)), mismatches)
+    except DeviceError as error:
+        return Report(device, str(error), flags=flags)
+
+
+def _fma(queue: DeviceQueue, precisions: list[Precision]) -> str:
+    try:
+        found: list[Finding] = []
+        for precision in precisions:
+            found += arithmetic.unfused(queue, precision, arithmetic.LANES[precision], arithmetic.QUICK)
+    except DeviceError:
+        return "does not build"
+    return f"wrong: {found[0]}" if found else "fused"
+
+
+def _verdict(profile: Arithmetic) -> str:
+    num, lanes = len(arithmetic.OPERATIONS), ", ".join(map(str, profile.lanes))
+    if profile.wrong:
+        wrong = {finding.operation for finding in profile.wrong}
+        return f"NOT strict: {len(wrong)} of {num} operations are not NumPy's (lanes {lanes})"
+    return f"strict: {num} operations on {profile.num_tested} numbers as NumPy's (lanes {lanes})"
+
+
+def _own_or_ours(profiles: tuple[Arithmetic, ...], option: str) -> str:
+    replaced = [f for p in profiles for f in p.replaced if arithmetic.OWN[f.operation] == option]
+    return f"ours, for the device's is wrong: {replaced[0]}" if replaced else "the device's own, correctly rounded"
+
+
+def _subnormals(profiles: tuple[Arithmetic, ...]) -> str:
+    lost = [finding for profile in profiles for finding in profile.subnormals]
+    return f"flushed to zero, which matters to numbers below 1e-30 only: {lost[0]}" if lost else "kept"

@@ -1,0 +1,1 @@
+"""Golden images: scenes whose AOVs have known hashes."""

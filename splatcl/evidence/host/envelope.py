@@ -1,0 +1,301 @@
+"""Envelopes: between what bounds each pixel of any correct renderer lands, whatever way its rounding falls.
+
+A decision whose margin (splatcl/uncertainty.py) is within the tolerance may go either way, and every quantity may
+be off by the tolerance times its own rounding error. A front splat that flips moves depth(p), and with it the epsilon
+test of all others: so depth is bounded first, and fragments are then sure, possible or neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splatcl.errors import SettingsError
+from splatcl.evidence.host.pairs import MAX_MARGIN, Fragments, Pairs, bands, fragments
+from splatcl.oracle.buffers import ProjectedSplats
+from splatcl.oracle.geometry.fragments import kernel_weight
+from splatcl.oracle.geometry.rays import UNIT
+from splatcl.oracle.project import project
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
+from splatcl.scene.splats import Splats
+
+Array = NDArray[Any]
+TOLERANCE = 32.0
+"""Default tolerance, in units of each decision's own rounding error."""
+MAX_STEPS = 64
+"""Steps after which a bound of a weighted mean falls back to that of its values."""
+COARSE = ("float16", "unorm8")
+"""Targets whose sums have no useful bounds."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Choices:
+    """What each pair may contribute, (K,) each."""
+
+    sure: Array  # accepted whatever way decisions fall
+    possible: Array
+    weight_low: Array
+    weight_high: Array
+
+
+def envelope(
+    splats: Splats, camera: Camera, settings: RenderSettings, epsilon: float, tolerance: float = TOLERANCE
+) -> dict[str, NDArray[np.float32]]:
+    """Return the bounds of Z, weight, albedo and N over all outcomes of uncertain decisions.
+
+    Parameters
+    ----------
+    splats, camera, settings
+        As for `render`.
+    epsilon : float
+        The depth tolerance that was used, scene units.
+    tolerance : float
+        In units of each decision's own float32 rounding error, at most `uncertainty.MAX_MARGIN`. A projected
+        centre's own error is taken to be 4 max(width, height) 2^-24 pixels, as of plain float32 arithmetic.
+
+    Returns
+    -------
+    dict
+        "Z.lo", "Z.hi", "weight.lo", "weight.hi" (H, W); "albedo.lo", "albedo.hi", "N.lo", "N.hi" (H, W, 3);
+        float32, rounded outward. Z.hi is +inf where a pixel may have no hit; albedo and N include 0 where it
+        may be uncovered. No albedo where what is blended is lit already (`shading`).
+
+    Raises
+    ------
+    SettingsError
+        The tolerance is out of range, or the target's sums have no such bounds.
+    """
+    check(settings, tolerance)
+    num_pixels = camera.height * camera.width
+    low, high = np.zeros((num_pixels, 8)), np.zeros((num_pixels, 8))  # Z, weight, albedo, N
+    low[:, 0] = high[:, 0] = np.inf
+    projected = project(splats, camera, settings)
+    color = splats.color.astype(np.float64)
+    offset_error = 4.0 * max(camera.width, camera.height)
+    for pairs in bands(projected, camera, settings):
+        f = fragments(pairs, projected, camera, settings, epsilon, offset_error)
+        may = _States.of(f, tolerance)
+        choices, never_empty, depth = _choices(pairs, f, may, settings, tolerance)
+        low[pairs.pixel, 0], high[pairs.pixel, 0] = depth
+        low[pairs.pixel, 1], high[pairs.pixel, 1] = _weights(pairs, choices)
+        own, normals = color[pairs.splat], _normals(pairs, f, may, projected, settings, tolerance)
+        least, most = (np.hstack([own, end]) for end in normals)
+        mean_low = -np.stack([_greatest_mean(pairs, choices, -least[:, k]) for k in range(6)], axis=1)
+        mean_high = np.stack([_greatest_mean(pairs, choices, most[:, k]) for k in range(6)], axis=1)
+        mean_low[:, 3:], mean_high[:, 3:] = _normalized(mean_low[:, 3:], mean_high[:, 3:])
+        zero = ~never_empty[:, None]
+        low[pairs.pixel, 2:] = np.where(zero, np.minimum(mean_low, 0.0), mean_low)
+        high[pairs.pixel, 2:] = np.where(zero, np.maximum(mean_high, 0.0), mean_high)
+    return bounded(_named(low, high, camera), settings)
+
+
+def check(settings: RenderSettings, tolerance: float) -> None:
+    """Raise `SettingsError` where there is no envelope of such a frame."""
+    if not 0 < tolerance <= MAX_MARGIN:
+        raise SettingsError(f"tolerance {tolerance} must be above 0 and at most {MAX_MARGIN:g}")
+    if settings.target in COARSE:
+        raise SettingsError(
+            f"target={settings.target!r} has no envelope: its sums are rounded so coarsely after every step that their "
+            "bounds would say nothing; choose target='float32'"
+        )
+
+
+def bounded(named: dict[str, NDArray[np.float32]], settings: RenderSettings) -> dict[str, NDArray[np.float32]]:
+    """Return the bounds of what a frame has: no albedo where what is blended is lit already."""
+    return {name: image for name, image in named.items() if settings.shading == "deferred" or name[:6] != "albedo"}
+
+
+@dataclass(frozen=True, eq=False)
+class _States:
+    """What may be of each pair, (K,) bool each."""
+
+    disc_sure: Array
+    disc_possible: Array
+    hit_sure: Array
+    hit_possible: Array
+    drawn_sure: Array
+    drawn_possible: Array
+    filter_sure: Array
+    filter_possible: Array
+
+    @classmethod
+    def of(cls, f: Fragments, tolerance: float) -> _States:
+        parts = (f.disc, f.hit, f.drawn, f.filter)
+        return cls(*(part.margin > side for part in parts for side in (tolerance, -tolerance)))
+
+
+def _depths(f: Fragments, may: _States, tolerance: float) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Return the (K,) least and greatest depth of each hit, and of each fragment, if there is one.
+
+    The disc's where that may be hit, the centre's where it may be missed: by what the footprint holds beside it, or
+    what the pre-filter does.
+    """
+    error, center_error = tolerance * UNIT * f.disc.scale_z, tolerance * UNIT * np.abs(f.center_z)
+    disc_low = np.where(may.disc_possible, f.disc.z - error, np.inf)
+    disc_high = np.where(may.disc_possible, f.disc.z + error, -np.inf)
+    ends = []
+    for beside in (np.full(len(error), f.of_ellipses), may.filter_possible | f.of_ellipses):
+        by_center = beside & ~may.disc_sure
+        low = np.minimum(disc_low, np.where(by_center, f.center_z - center_error, np.inf))
+        high = np.maximum(disc_high, np.where(by_center, f.center_z + center_error, -np.inf))
+        ends.append((low, high))
+    return ends[0], ends[1]
+
+
+def _choices(
+    pairs: Pairs, f: Fragments, may: _States, settings: RenderSettings, tolerance: float
+) -> tuple[_Choices, Array, tuple[Array, Array]]:
+    """Say what each pair may contribute, (P,) which pixels are covered in any case, and (P,) bounds of their depth."""
+    (hit_low, hit_high), (low, high) = _depths(f, may, tolerance)
+    hit_low, sure_high = np.where(may.hit_possible, hit_low, np.inf), np.where(may.hit_sure, hit_high, np.inf)
+    depth = pairs.least(hit_low), pairs.least(sure_high)
+    z_low, z_high = (end[pairs.run] for end in depth)
+    # A splat in front of all others in any case sets depth(p) itself and is accepted; else one of those that may.
+    is_first = hit_low == z_low
+    second = pairs.least(np.where(is_first, np.inf, hit_low))[pairs.run]
+    alone = pairs.total(is_first.astype(np.int64))[pairs.run] == 1
+    front = may.hit_sure & may.drawn_sure & is_first & alone & (hit_high < second)
+    slack = 2 * tolerance * UNIT * f.tolerance
+    sure = (may.drawn_sure | may.filter_sure) & (high <= z_low + f.tolerance - slack) | front
+    possible = (may.drawn_possible | may.filter_possible) & (low <= z_high + f.tolerance + slack)
+    weight_low, weight_high = _pair_weights(f, may, settings, tolerance)
+    may_be_front = may.hit_possible & (hit_low <= z_high)
+    choices = _Choices(sure, possible & (weight_high > 0), weight_low, weight_high)
+    drawn_if_hit = may.drawn_sure | (f.drawn is f.hit)
+    certain = pairs.least(np.where(may_be_front, np.where(drawn_if_hit, weight_low, 0.0), np.inf)) > 0
+    covered = np.isfinite(depth[1]) & certain | (pairs.total(np.where(sure, weight_low, 0.0)) > 0)
+    return choices, covered, depth
+
+
+def _pair_weights(f: Fragments, may: _States, settings: RenderSettings, tolerance: float) -> tuple[Array, Array]:
+    """(K,) least and greatest weight of each fragment, if it exists."""
+    error, filter_error = tolerance * UNIT * f.drawn.scale_r, tolerance * UNIT * f.filter.scale_r
+    r, r2 = f.drawn.r, f.filter.r
+    r_low = np.minimum(
+        np.where(may.drawn_possible, r - error, 1.0), np.where(may.filter_possible, r2 - filter_error, 1.0)
+    )
+    r_high = np.minimum(np.where(may.drawn_sure, r + error, 1.0), np.where(may.filter_sure, r2 + filter_error, 1.0))
+    r_low, r_high = np.clip(r_low, 0.0, 1.0), np.clip(r_high, 0.0, 1.0)
+    if settings.kernel == "table":
+        low, high = _table_range(settings, r_low, r_high)
+    else:
+        low, high = kernel_weight(r_high**2, settings), kernel_weight(r_low**2, settings)
+    rounding = tolerance * UNIT * (1 + settings.cutoff**2 / 2 + f.scale_factor)
+    return low * f.factor * np.maximum(1 - rounding, 0.0), high * np.minimum(f.factor * (1 + rounding), 1 + rounding)
+
+
+def _normals(
+    pairs: Pairs,
+    f: Fragments,
+    may: _States,
+    projected: ProjectedSplats,
+    settings: RenderSettings,
+    tolerance: float,
+) -> tuple[Array, Array]:
+    """(K, 3) bounds of each fragment's normal: its own, or its field's; of either sign where its facing is open."""
+    low = high = projected.normal_eye[pairs.splat]
+    if settings.normals == "field":
+        low, high = _field(pairs, f, may, projected, tolerance)
+    unsure = (np.abs(projected.facing_margin) <= tolerance)[pairs.splat, None]
+    return np.where(unsure, np.minimum(low, -high), low), np.where(unsure, np.maximum(high, -low), high)
+
+
+def _field(
+    pairs: Pairs, f: Fragments, may: _States, projected: ProjectedSplats, tolerance: float
+) -> tuple[Array, Array]:
+    """(K, 3) bounds of fields' normals: where the ray meets the disc, or the centre's where it may miss that."""
+    normal, along_u, along_v = (a[pairs.splat] for a in (projected.normal_eye, projected.field_u, projected.field_v))
+    possible, sure = may.disc_possible[:, None], may.disc_sure[:, None]
+    u, v, scale = (np.where(possible, a[:, None], 0.0) for a in (f.disc.u, f.disc.v, f.disc.scale_r))
+    size = np.abs(along_u) + np.abs(along_v)
+    error = tolerance * UNIT * (scale * size + 4 * (np.abs(normal) + size))
+    middle = normal + u * along_u + v * along_v
+    low, high = _normalized(middle - error, middle + error)
+    low, high = np.where(possible, low, np.inf), np.where(possible, high, -np.inf)
+    return np.where(sure, low, np.minimum(low, normal)), np.where(sure, high, np.maximum(high, normal))
+
+
+def _table_range(settings: RenderSettings, r_low: Array, r_high: Array) -> tuple[Array, Array]:
+    """(K,) least and greatest weight that a table gives between two radii.
+
+    Those at the ends, and of all samples in between, by overlapping runs of a power of two.
+    """
+    table = np.array(settings.kernel_table)
+    ends = kernel_weight(r_low**2, settings), kernel_weight(r_high**2, settings)
+    low, high = np.minimum(*ends), np.maximum(*ends)
+    rounding = 0.5 if settings.kernel_lookup == "nearest" else 0.0
+    first = np.ceil(r_low * (len(table) - 1) - rounding).astype(np.int64)
+    last = np.floor(r_high * (len(table) - 1) + rounding).astype(np.int64)
+    length = last - first + 1
+    least, most, span = table, table, 1
+    while span <= len(table):
+        fits = (length >= span) & (length < 2 * span)
+        a, b = first[fits], last[fits] - span + 1
+        low[fits] = np.minimum(low[fits], np.minimum(least[a], least[b]))
+        high[fits] = np.maximum(high[fits], np.maximum(most[a], most[b]))
+        least, most = np.minimum(least[:-span], least[span:]), np.maximum(most[:-span], most[span:])
+        span *= 2
+    return low, high
+
+
+def _weights(pairs: Pairs, c: _Choices) -> tuple[Array, Array]:
+    """(P,) least and greatest weight sum."""
+    rounding = 2 * UNIT * pairs.total(c.possible.astype(np.float64))
+    low, high = pairs.total(np.where(c.sure, c.weight_low, 0.0)), pairs.total(np.where(c.possible, c.weight_high, 0.0))
+    return low * (1 - rounding), high * (1 + rounding)
+
+
+def _greatest_mean(pairs: Pairs, c: _Choices, value: Array) -> Array:
+    """(P,) greatest sum(w v) / sum(w), w in [weight_low, weight_high] if sure, else in [0, weight_high].
+
+    Dinkelbach's iteration: at a mean m, the best weights are the greatest where v > m and the least elsewhere.
+    """
+    highest = np.where(c.possible, c.weight_high, 0.0)
+    lowest = np.where(c.sure, c.weight_low, 0.0)
+    top = -pairs.least(np.where(c.possible, -value, np.inf))
+    mean = pairs.least(np.where(c.possible, value, np.inf))
+    for _ in range(MAX_STEPS):
+        weight = np.where(value > mean[pairs.run], highest, lowest)
+        total = pairs.total(weight)
+        step = pairs.total(weight * value) / np.where(total > 0, total, 1.0)
+        step = np.where(total > 0, np.maximum(step, mean), mean)
+        if np.array_equal(step, mean):
+            break
+        mean = step
+    else:
+        mean = top
+    rounding = 4 * UNIT * (pairs.total(c.possible.astype(np.float64)) + 4)
+    largest = -pairs.least(np.where(c.possible, -np.abs(value), 0.0))
+    return np.where(np.isfinite(mean), mean + rounding * largest, 0.0)
+
+
+def _normalized(low: Array, high: Array) -> tuple[Array, Array]:
+    """(P, 3) bounds of v / |v| for v in a box; -1 to 1 where it holds 0."""
+    far2 = np.maximum(low**2, high**2)
+    near2 = np.where((low <= 0) & (high >= 0), 0.0, np.minimum(low**2, high**2))
+    others_far, others_near = far2.sum(axis=1, keepdims=True) - far2, near2.sum(axis=1, keepdims=True) - near2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low_n = low / np.sqrt(low**2 + np.where(low >= 0, others_far, others_near))
+        high_n = high / np.sqrt(high**2 + np.where(high >= 0, others_near, others_far))
+    holds_zero = (near2 == 0).all(axis=1, keepdims=True)
+    nothing = (far2 == 0).all(axis=1, keepdims=True)
+    low_n, high_n = np.where(holds_zero, -1.0, low_n - 8 * UNIT), np.where(holds_zero, 1.0, high_n + 8 * UNIT)
+    return np.where(nothing, 0.0, low_n), np.where(nothing, 0.0, high_n)
+
+
+def _named(low: Array, high: Array, camera: Camera) -> dict[str, NDArray[np.float32]]:
+    """Cut the columns into AOVs, rounded outward to float32."""
+    columns: dict[str, Any] = {"Z": 0, "weight": 1, "albedo": slice(2, 5), "N": slice(5, 8)}
+    result = {}
+    for name, column in columns.items():
+        for suffix, values, away in (("lo", low, -np.inf), ("hi", high, np.inf)):
+            exact = values[:, column]
+            rounded = exact.astype(np.float32)
+            wrong = rounded > exact if suffix == "lo" else rounded < exact
+            rounded = np.where(wrong, np.nextafter(rounded, np.float32(away)), rounded)
+            result[f"{name}.{suffix}"] = rounded.reshape(camera.height, camera.width, *exact.shape[1:])
+    return result

@@ -1,0 +1,89 @@
+"""OBJ meshes and points.
+
+trimesh reads OBJ as well, but rounds vertex colours to 8 bits, cuts lines of unequal length to the shortest
+without a word, and counts relative indices from the file's end; so vertices and faces are read here.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splatcl.errors import FileError
+from splatcl.io.readers.color import linear_color
+from splatcl.io.readers.lines import number_lines, read_lines
+from splatcl.io.readers.model import Model
+from splatcl.io.readers.polygons import triangulate
+
+WIDTHS = {3: 3, 4: 3, 6: 6, 7: 6}
+"""Numbers on a vertex line -> those that are used: x y z (w), or x y z r g b (a)."""
+
+
+def read_obj(path: Path) -> Model:
+    """Read the vertices (with linear colours), faces and, for bare points, normals of an OBJ file.
+
+    Raises
+    ------
+    FileError
+        A vertex or face is not made of numbers or refers to nothing; the message names the line.
+    """
+    rows: dict[str, list[list[float]]] = {"v": [], "vn": []}
+    polygons: list[list[int]] = []
+    ignored = set()
+    for number, text in number_lines(read_lines(path), continued=True):
+        key, *words = text.split()
+        if key in rows:
+            rows[key].append(_vertex(path, number, key, words))
+        elif key == "f":
+            polygons.append(_face(path, number, words, len(rows["v"])))
+        elif key not in ("o", "g", "s"):
+            ignored.add(key)
+    vertices = _vertices(path, rows["v"])
+    notes: list[str] = []
+    if ignored:
+        notes.append(f"ignored lines of {', '.join(sorted(ignored)[:12])}")
+    triangles, _ = triangulate(polygons, notes)
+    normals = np.array(rows["vn"]) if rows["vn"] and not polygons and len(rows["vn"]) == len(vertices) else None
+    if rows["vn"] and normals is None:
+        notes.append("ignored normals: winding gives the sides" if polygons else "ignored normals: not one a point")
+    return Model(
+        path,
+        "OBJ (text)",
+        vertices[:, :3],
+        normals,
+        linear_color(vertices[:, 3:], notes) if vertices.shape[1] == 6 else None,
+        faces=triangles if len(triangles) else None,
+        notes=tuple(notes),
+    )
+
+
+def _vertex(path: Path, number: int, key: str, words: list[str]) -> list[float]:
+    try:
+        values = [float(word) for word in words]
+    except ValueError as error:
+        raise FileError(f"{path}: line {number}: {error}") from None
+    width = WIDTHS.get(len(values), 0) if key == "v" else 3 * (len(values) == 3)
+    if not width:
+        raise FileError(f"{path}: line {number}: '{key}' has {len(values)} numbers; it needs 3 (or 6 with colour)")
+    return values[:width]
+
+
+def _face(path: Path, number: int, words: list[str], num_vertices: int) -> list[int]:
+    """Return the vertex indices, from 0, of "f 1/2/3 4//5 -1"; a negative one counts from the last vertex."""
+    try:
+        corners = [int(word.partition("/")[0]) for word in words]
+    except ValueError as error:
+        raise FileError(f"{path}: line {number}: {error}") from None
+    if 0 in corners or any(corner < -num_vertices for corner in corners):
+        raise FileError(f"{path}: line {number} refers to a vertex before the first; indices begin at 1")
+    return [corner - 1 if corner > 0 else num_vertices + corner for corner in corners]
+
+
+def _vertices(path: Path, rows: list[list[float]]) -> NDArray[Any]:
+    widths = {len(row) for row in rows}
+    if widths == {3, 6}:
+        raise FileError(f"{path}: some vertices have colours and some have not; give all of them one or none")
+    return np.array(rows, np.float64).reshape(len(rows), max(widths, default=3))

@@ -1,0 +1,1 @@
+"""The passes in OpenCL; read draw.py first."""

@@ -1,0 +1,16 @@
+"""The light map on the device: what the lights contribute for each normal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from splatcl.opencl.state.context import PassContext
+from splatcl.opencl.state.lights import LIGHTMAP_SIZE
+
+
+def lightmap(context: PassContext, structs: tuple[Any, Any]) -> Any:
+    """Return the light map on the device, (LIGHTMAP_SIZE, LIGHTMAP_SIZE, 6) reals (kernels/lightmap.cl)."""
+    table = context.device.buffer(LIGHTMAP_SIZE**2 * 6 * context.real.itemsize)
+    size = (-(-LIGHTMAP_SIZE // context.lanes), LIGHTMAP_SIZE)
+    context.run("lightmap", size, *structs, table, LIGHTMAP=LIGHTMAP_SIZE)
+    return table

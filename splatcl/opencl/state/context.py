@@ -1,0 +1,146 @@
+"""What every pass of one frame needs, and how a kernel is run for it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from splatcl.opencl.device.strictness import Device
+from splatcl.opencl.device.structs import REAL, structs
+from splatcl.opencl.state.buffers import DepthBuffer, GBuffer, TileLists
+from splatcl.scene.camera import Camera, rotated
+from splatcl.scene.settings import Precision, RenderSettings
+
+PIXEL_GROUP = 64
+"""Work-items per group where each takes one pixel; it must divide the smallest tile."""
+FEW_TILES, MANY_ENTRIES = 8, 4096
+"""A band of fewer tiles, with more entries a tile than that, is cut into smaller work-items."""
+FOOTPRINTS = {"raycast": 0, "affine": 1, "conic": 2}
+PREFILTERS = {"none": 0, "min": 1, "ewa": 2}
+DEFERRED, PER_FRAGMENT, PER_SPLAT = 0, 1, 2
+SHADING = {"deferred": DEFERRED, "fragment": PER_FRAGMENT, "splat": PER_SPLAT}
+TARGETS = {"float16": 1, "unorm8": 2}
+"""Build options of the kernels (extra.h, target.h)."""
+FACING = {"keep": 0, "flip": 1, "cull": 2}
+EVERY, FRONT, BEHIND = 0, 1, 2
+"""Layers of the tile lists: every entry; those near the nearest of their tile; those behind that they do not hide."""
+
+
+class PassContext:
+    """What every pass of one frame needs: the device, the camera and settings as structs, the tile grid.
+
+    `first` is the column and row of a window's first pixel: the frame is then the pixels from there on, `camera.width`
+    and `camera.height` of them, of a larger image whose principal point the camera's is.
+    """
+
+    def __init__(
+        self,
+        device: Device,
+        camera: Camera,
+        settings: RenderSettings,
+        tile_size: int,
+        precision: Precision,
+        first: tuple[int, int] = (0, 0),
+    ) -> None:
+        self.device, self.camera, self.settings, self.tile_size = device, camera, settings, tile_size
+        self.first_column, self.first_row = first
+        self.precision, self.real = precision, np.dtype(REAL[precision])
+        self.dtypes, self.declarations = structs(REAL[precision])
+        self.lanes = device.lanes_of(self.real)
+        self.tiles_x = -(-camera.width // tile_size)
+        self.num_tiles = self.tiles_x * -(-camera.height // tile_size)
+        self.num_pixels = camera.width * camera.height
+        self.method: dict[str, Any] = {
+            "ELLIPSE": FOOTPRINTS[settings.footprint],
+            "PREFILTER": PREFILTERS[settings.prefilter],
+            "FIELD": int(settings.normals == "field"),
+            "SHADING": SHADING[settings.shading],
+            "SHADER": f'"{"albedo" if settings.shading == "deferred" else settings.shader}.h"',
+        }
+        # Where what faces away is culled, little of one closed surface is hidden.
+        self.layers = (EVERY,) if settings.facing == "cull" else (FRONT, BEHIND)
+
+    def run(self, kernel: str, size: tuple[int, ...], *args: Any, group: int = 1, **options: str | int) -> None:
+        """Run `kernel` of the file that its name begins with, built for this frame, over `size` work-items.
+
+        Python integers become int, Python floats the frame's real.
+        """
+        common = {
+            "LANES": self.lanes,
+            "DOUBLE": int(self.real == np.float64),
+            "TILE": self.tile_size,
+            **self.device.strictness.options(self.precision),
+            "ORTHOGRAPHIC": int(self.camera.projection == "orthographic"),
+        }
+        file = {"resolve": "shade.cl"}.get(kernel, kernel.split("_")[0] + ".cl")
+        converted = [
+            np.int32(a) if isinstance(a, int) else self.real.type(a) if isinstance(a, float) else a for a in args
+        ]
+        program = self.device.program(file, self.declarations, **(common | options))
+        program(self.device.queue, kernel, size, group, *converted)
+
+    def run_raster(self, kernel: str, lists: TileLists, *args: Any, **options: str | int) -> None:
+        """Run a raster pass over a band's tiles: a work-item per tile, or per pixel of each.
+
+        Where a few tiles hold many splats, a work-item takes a quarter of a tile, for the other cores to help.
+        """
+        num_tiles, group, region = lists.last_tile - lists.first_tile, 1, self.tile_size
+        if self.device.mapping == "pixel":
+            group, region = PIXEL_GROUP, 1
+        elif num_tiles < FEW_TILES and lists.begin[-1] > MANY_ENTRIES * num_tiles:
+            region = self.tile_size // 2
+        size = num_tiles * (self.tile_size // region) ** 2
+        self.run(kernel, (size,), *args, group=group, REGION=region, **options)
+
+    @property
+    def target(self) -> int:
+        """What sums are rounded to (target.h), 0 for the precision's own real."""
+        narrower = self.settings.target == "float32" and self.real == np.float64
+        return 3 if narrower else TARGETS.get(self.settings.target, 0)
+
+    def image(self, channels: int = 1, dtype: Any = None) -> Any:
+        """Return a new image buffer of (H, W, channels)."""
+        return self.device.image(self.num_pixels, channels * np.dtype(dtype or self.real).itemsize)
+
+    def constant(self, array: NDArray[Any]) -> Any:
+        """Return `array` as a buffer on the device."""
+        import pyopencl as cl
+
+        if not array.size:
+            return self.device.buffer(0)
+        flags = cl.mem_flags.READ_ONLY | cl.mem_flags.COPY_HOST_PTR
+        return cl.Buffer(self.device.context, flags, hostbuf=np.ascontiguousarray(array))
+
+    def view(self, origin: NDArray[np.float64]) -> Any:
+        """Return the View struct: the camera for world coordinates relative to `origin`, to twice the precision."""
+        camera, view = self.camera, np.zeros(1, self.dtypes["View"])
+        rotation = camera.eye_from_world[:3, :3]
+        translation = camera.eye_from_world[:3, 3] + rotated(rotation, origin)
+        exact = {f"r{i}{j}": rotation[i, j] for i in range(3) for j in range(3)}
+        exact |= {f"t{i}": translation[i] for i in range(3)}
+        exact |= {"fx": camera.fx, "fy": camera.fy, "cx": camera.cx - 0.5, "cy": camera.cy - 0.5}
+        for name, value in exact.items():
+            view[f"{name}_hi"] = value
+            view[f"{name}_lo"] = value - view[f"{name}_hi"].astype(np.float64)
+        view["reach"] = np.abs(translation).sum()
+        view["near"], view["far"] = camera.near, camera.far
+        view["prefilter_radius"] = self.settings.prefilter_radius
+        view["first_column"], view["first_row"] = self.first_column, self.first_row
+        view["width"], view["height"] = camera.width, camera.height
+        view["facing"] = FACING[self.settings.facing]
+        view["prefilter"] = self.settings.prefilter == "min"
+        if self.settings.prefilter == "ewa":
+            view["low_pass_reach"] = self.settings.cutoff * self.settings.prefilter_radius
+            view["low_pass"] = (self.settings.cutoff * self.settings.prefilter_radius) ** 2
+        view["prefilter_at_bounds"] = self.settings.prefilter_center == "bounds"
+        return self.constant(view)
+
+
+def frame_buffers(context: PassContext) -> tuple[DepthBuffer, GBuffer]:
+    """Return the images that the raster passes fill."""
+    depth = DepthBuffer(context.image(), context.image(dtype="u4"))
+    return depth, GBuffer(
+        context.image(), context.image(3), context.image(3), context.image(), context.image(dtype="u4")
+    )

@@ -1,0 +1,205 @@
+"""Clip lines: where planes cut discs, and which two of a disc's lines are kept."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from splatcl.errors import InvalidSplatsError
+from splatcl.scene.splats import Splats
+
+Array = NDArray[Any]
+MIN_SINE = 1e-6
+"""Planes meet in a line if the sine of their angle is larger: below it, discs stored in float32 are parallel."""
+LEAST_CUT = 1e-6
+"""A line that cuts less deep than this share of a disc's radius cuts nothing."""
+MAX_LINES = 2
+"""Lines of a splat."""
+
+
+def clip_lines(splats: Splats, pairs: ArrayLike, convex: ArrayLike | None = None) -> Splats:
+    """Cut pairs of splats off along the line in which their planes meet.
+
+    Both splats of a pair get the same line in space, each in its own disc coordinates: the edge that they share.
+    Of a convex edge each splat keeps what is behind the other's plane, of a concave one what is before it.
+
+    Parameters
+    ----------
+    splats : Splats
+        Lines that they have already compete with the new ones.
+    pairs : (P, 2) int array
+        Indices of splats on different sides of an edge.
+    convex : bool or (P,) bool array, optional
+        Whether the edge of each pair is convex (less than 180 degrees of solid). Where omitted it is if the two
+        normals point away from each other, (n_j - n_i).(c_j - c_i) > 0.
+
+    Returns
+    -------
+    Splats
+        The same in the same order with `clip`: float64 rows (a, b, c) with |(a, b)| = 1, so that c is the centre's
+        distance from the line in disc coordinates. A splat keeps the two lines that cut deepest; the notes count
+        lines that could not be kept, pairs of parallel planes and splats of which nothing is left.
+
+    Raises
+    ------
+    InvalidSplatsError
+        Pairs of the wrong shape, out of range, or of a splat with itself.
+    """
+    i, j = _pairs(pairs, len(splats)).T
+    center, normal = splats.center.astype(np.float64), splats.normal
+    apart = center[j] - center[i]
+    if convex is None:
+        keeps_behind = ((normal[j] - normal[i]) * apart).sum(axis=1) > 0
+    else:
+        keeps_behind = np.broadcast_to(np.asarray(convex, bool), i.shape)
+    side = np.where(keeps_behind, -1.0, 1.0)[:, None]
+    owner, other = np.concatenate([i, j]), np.concatenate([j, i])
+    u, v = splats.tangent_u.astype(np.float64), splats.tangent_v.astype(np.float64)
+    lines = plane_lines(center[owner], u[owner], v[owner], center[other], np.tile(side, (2, 1)) * normal[other])
+    parallel = int(np.count_nonzero(~lines[: len(i)].any(axis=1)))
+    if splats.clip is not None:
+        owner = np.concatenate([np.repeat(np.arange(len(splats)), MAX_LINES), owner])
+        lines = np.concatenate([normalize(splats.clip.reshape(-1, 3)), lines])
+    clip, lost = keep_deepest(owner, lines, len(splats))
+    notes = [f"cut {np.count_nonzero(clip.any(axis=(1, 2)))} of {len(splats)} splats off along {len(i)} edges"]
+    notes += lost_note(int(np.count_nonzero(lost)))
+    gone = int(np.count_nonzero(cut_depth(np.zeros((len(splats), 3)), clip) > 0))
+    notes += [f"clip lines leave nothing of {gone} splats"] if gone else []
+    notes += [f"{parallel} pairs of splats are parallel and have no clip line"] if parallel else []
+    return replace(splats, clip=clip, notes=(*splats.notes, *notes), on_invalid="error")
+
+
+def plane_lines(center: Array, tangent_u: Array, tangent_v: Array, point: Array, normal: Array) -> Array:
+    """Return the lines that keep the part of each disc on one side of a plane.
+
+    Parameters
+    ----------
+    center, tangent_u, tangent_v : (N, 3) float64 arrays
+        Discs, world space; the tangents at right angles.
+    point, normal : (N, 3) float64 arrays
+        A point of each plane, and its unit normal, which points to the side that is kept.
+
+    Returns
+    -------
+    (N, 3) float64 array
+        Rows (a, b, c) with |(a, b)| = 1, a u + b v + c >= 0 where the disc is kept; zeros where it is parallel.
+    """
+    a, b = ((normal * tangent).sum(axis=1) for tangent in (tangent_u, tangent_v))
+    c = (normal * (center - point)).sum(axis=1)
+    sine = np.hypot(a / np.linalg.norm(tangent_u, axis=1), b / np.linalg.norm(tangent_v, axis=1))
+    return normalize(np.where((sine > MIN_SINE)[:, None], np.stack([a, b, c], axis=1), 0.0))
+
+
+def normalize(lines: Array) -> Array:
+    """Return (N, 3) float64 lines with |(a, b)| = 1; zeros stay zeros."""
+    lines = lines.astype(np.float64)
+    length = np.hypot(lines[:, 0], lines[:, 1])[:, None]
+    return np.where(length > 0, lines / np.where(length > 0, length, 1.0), 0.0)
+
+
+def cut_depth(lines: Array, clip: Array) -> Array:
+    """Return the least a u + b v + c of each line over what is left of its disc.
+
+    Parameters
+    ----------
+    lines : (N, 3) float64 array
+        Normalised lines.
+    clip : (N, 2, 3) float64 array
+        Normalised lines that the discs are cut off by already; zeros cut nothing.
+
+    Returns
+    -------
+    (N,) float64 array
+        -d where the line cuts d deep, >= 0 where it cuts nothing, +inf where nothing is left of the disc.
+    """
+    # A linear function is least at the rim or where lines meet the rim or each other.
+    corners = [-lines[:, None, :2], *(_rim(clip[:, k]) for k in range(MAX_LINES)), _meeting(clip)[:, None]]
+    points = np.concatenate(corners, axis=1)
+    with np.errstate(invalid="ignore"):
+        left = (points**2).sum(axis=2) <= 1 + 1e-12
+        for k in range(MAX_LINES):
+            left &= at(clip[:, None, k], points) >= -1e-12
+        return np.where(left, at(lines[:, None], points), np.inf).min(axis=1, initial=np.inf)
+
+
+def at(lines: Array, points: Array) -> Array:
+    """Return a u + b v + c of (..., 3) lines at (..., 2) points."""
+    value: Array = (lines[..., :2] * points).sum(axis=-1) + lines[..., 2]
+    return value
+
+
+def _rim(line: Array) -> Array:
+    """Return the (N, 2, 2) points where (N, 3) lines meet the unit circle, NaN where they do not."""
+    a, b, c = line.T
+    with np.errstate(invalid="ignore"):
+        half = np.sqrt(np.where(line.any(axis=1), 1 - c * c, np.nan))
+    return np.stack([np.stack([s * -b * half - a * c, s * a * half - b * c], axis=1) for s in (-1, 1)], axis=1)
+
+
+def _meeting(clip: Array) -> Array:
+    """Return the (N, 2) points where two lines meet, NaN or infinite where they do not."""
+    x, y, w = np.cross(clip[:, 0], clip[:, 1]).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack([x / w, y / w], axis=1)
+
+
+def keep_deepest(
+    owner: Array, lines: Array, num: int, needed: Callable[[Array], Array] | None = None
+) -> tuple[Array, Array]:
+    """Choose for each splat the line that cuts deepest, and the one that then cuts deepest into what is left.
+
+    Parameters
+    ----------
+    owner : (L,) int array
+        The splat of each line.
+    lines : (L, 3) float64 array
+        Normalised lines.
+    num : int
+        Number of splats.
+    needed : callable, optional
+        Which lines count, (L,) bool, given the (L, 2, 3) lines that their splats have so far; all where omitted.
+
+    Returns
+    -------
+    clip : (num, 2, 3) float64 array
+    lost : (L,) bool array
+        Lines that were not chosen though they would cut more off.
+    """
+    clip = np.zeros((num, MAX_LINES, 3))
+
+    def depths() -> Array:
+        depth = cut_depth(lines, clip[owner])
+        return depth if needed is None else np.where(needed(clip[owner]), depth, np.inf)
+
+    for slot in range(MAX_LINES):
+        depth = depths()
+        order = np.lexsort((depth, owner))
+        first = order[np.diff(owner[order], prepend=-1) > 0]
+        best = first[depth[first] < -LEAST_CUT]
+        clip[owner[best], slot] = lines[best]
+    return clip, depths() < -LEAST_CUT
+
+
+def lost_note(num: int) -> list[str]:
+    """Say how many lines could not be kept; nothing where all were."""
+    return [f"left out {num} clip lines of splats that have two which cut deeper"] if num else []
+
+
+def _pairs(pairs: ArrayLike, num: int) -> NDArray[np.intp]:
+    """Return checked (P, 2) pairs."""
+    array = np.asarray(pairs)
+    if not array.size:
+        array = np.empty((0, 2), np.intp)
+    if array.ndim != 2 or array.shape[1] != 2 or array.dtype.kind not in "iu":
+        raise InvalidSplatsError(f"pairs are {array.dtype} of shape {array.shape}; they must be integers, (P, 2)")
+    bad = ((array < 0) | (array >= num)).any(axis=1) | (array[:, 0] == array[:, 1])
+    if bad.any():
+        k = int(np.flatnonzero(bad)[0])
+        raise InvalidSplatsError(
+            f"pair {k} is of splats {array[k, 0]} and {array[k, 1]}; they must be two of {num} (0 to {num - 1})"
+        )
+    return array.astype(np.intp)
