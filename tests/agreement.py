@@ -43,7 +43,7 @@ def expected(scene_name, camera_name, settings, seed=0):
     splats, camera = scene(scene_name, seed), CAMERAS[camera_name]
     projected = project(splats, camera, settings)
     depth = visibility(projected, camera, settings)
-    gbuffer = attributes(projected, depth, camera, settings, settings.epsilon, splats.color)
+    gbuffer = attributes(projected, depth, splats, camera, settings, settings.epsilon)
     hits = intersect(Discs.of(projected, camera), camera, pixel_rays(camera)[:, None])
     front = np.where(depth.particleid == NO_SPLAT, 0, depth.particleid).astype(np.int64)
     scale = np.take_along_axis(hits.scale_z, front.reshape(-1, 1), axis=1).reshape(front.shape)

@@ -56,7 +56,7 @@ def expected(sums, camera, settings):
     exact = {name: array.astype(np.float64) for name, array in sums.items()}
     depth = DepthBuffer(exact.pop("depth"), *[np.zeros(SHAPE)] * 3)
     gbuffer = GBuffer(**exact, count=np.zeros(SHAPE), margin=np.zeros(SHAPE))
-    return shade(gbuffer, depth, camera, settings, None, settings.epsilon)
+    return shade(gbuffer, depth, camera, settings, settings.epsilon)
 
 
 def both(device, camera, settings, sums):

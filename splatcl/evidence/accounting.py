@@ -155,7 +155,7 @@ def _is_drawn(splat: Splats, camera: Camera, settings: RenderSettings) -> bool:
     """Whether the oracle draws a single splat at some pixel beyond doubt."""
     projected = oracle.project.project(splat, camera, settings)
     depth = oracle.visibility.visibility(projected, camera, settings)
-    gbuffer = oracle.attributes.attributes(projected, depth, camera, settings, 0.0, splat.color)
+    gbuffer = oracle.attributes.attributes(projected, depth, splat, camera, settings, 0.0)
     margin = np.minimum(depth.margin, gbuffer.margin)
     return bool(((gbuffer.count > 0) & (margin > BEYOND_DOUBT)).any())
 
