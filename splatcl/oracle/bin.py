@@ -1,4 +1,4 @@
-"""Bin: the splats that reach each tile."""
+"""Bin: list the splats that may touch each tile."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from splatcl.scene.camera import Camera
 
 
 def bin(projected: ProjectedSplats, camera: Camera, tile_size: int) -> list[Array]:
-    """Return, for each tile in row-major order, the increasing indices of the splats whose bounds reach it.
+    """Return for each tile, in row-major order, the increasing int64 indices of the splats whose bounds reach it.
 
-    A tile is reached where the bounds overlap the box of its pixels' centres, edges included.
+    Bounds reach a tile where they overlap the box of its pixel centers, edges included. `tile_size` is in pixels.
     """
     x_min, y_min, x_max, y_max = projected.bounds.T
     tiles = []

@@ -1,4 +1,4 @@
-"""Project: splats in eye space, which way they face, and bounds of what they cover."""
+"""Project: move splats to eye space, decide their facing, and bound their footprints in the raster."""
 
 from __future__ import annotations
 
@@ -24,7 +24,11 @@ from splatcl.scene.splats import Splats
 
 
 def project(splats: Splats, camera: Camera, settings: RenderSettings) -> ProjectedSplats:
-    """Move splats to eye space, decide their facing and bound their projections."""
+    """Move splats from world to eye space, decide their facing and bound their footprints.
+
+    A splat faces away iff n.c >= 0 (orthographic: n_z >= 0). The bounds are those of the footprint, its low-pass filter
+    included, and of the pre-filter "min" ([BHZK05] section 4).
+    """
     facing = settings.facing if splats.oriented else "flip"
     rotation, translation = camera.eye_from_world[:3, :3], camera.eye_from_world[:3, 3]
     center = splats.center.astype(np.float64) @ rotation.T + translation
@@ -65,7 +69,7 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
 
 
 def _covered(center: Array, t_u: Array, t_v: Array, disc: Array, camera: Camera, settings: RenderSettings) -> Array:
-    """(N, 4) bounds of the footprints, low-pass filter included: of the discs, or of their ellipses."""
+    """Bound the footprints, low-pass filter included: (N, 4) pixels, of the discs or of their ellipses."""
     if settings.footprint != "raycast":
         maps = EllipseMaps.of(center, t_u, t_v, camera, settings)
         return maps.bounds(maps.exists)
@@ -75,14 +79,14 @@ def _covered(center: Array, t_u: Array, t_v: Array, disc: Array, camera: Camera,
 
 
 def _circles(t_u: Array, t_v: Array) -> tuple[Array, Array]:
-    """Return tangents of the circle about each disc, of its longer axis' radius; u keeps its direction."""
+    """Return the tangents (N, 3) of the circle around each disc, as large as the longer axis; u keeps its direction."""
     radius = np.maximum(np.linalg.norm(t_u, axis=1), np.linalg.norm(t_v, axis=1))[:, None]
     u = normalize(t_u)
     return radius * u, radius * np.cross(normalize(np.cross(t_u, t_v)), u)
 
 
 def _field(values: Array | None, rotation: Array, settings: RenderSettings, normal: Array) -> Array:
-    """(N, 3) a normal field's change along one axis, eye space; zero where the settings take none."""
+    """Rotate a normal field's change along one axis to eye space, (N, 3); zero under normals="constant"."""
     if values is None or settings.normals == "constant":
         return np.zeros(normal.shape)
     return values.astype(np.float64) @ rotation.T
@@ -91,7 +95,10 @@ def _field(values: Array | None, rotation: Array, settings: RenderSettings, norm
 def _prefilter_point(
     center: Array, t_u: Array, t_v: Array, disc: Array, camera: Camera, settings: RenderSettings
 ) -> tuple[Array, Array]:
-    """(N, 2) the projected centre, or the bounds' (NaN if infinite); (N,) its error, 2^-24 pixels."""
+    """Return the pre-filter's center (N, 2), pixels, and its error (N,), 2^-24 pixels.
+
+    It is the projected center, or that of the disc's bounds; NaN for infinite bounds.
+    """
     raster = to_raster(to_image_plane(center, camera), camera)
     error = np.full(len(center), OFFSET_ERROR)
     if settings.prefilter_center == "projected":

@@ -1,4 +1,4 @@
-"""The visibility pass: every splat against every pixel."""
+"""Visibility pass: find the front-most splat at every pixel ([BHZK05])."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from splatcl.scene.settings import RenderSettings
 
 
 def visibility(projected: ProjectedSplats, camera: Camera, settings: RenderSettings) -> DepthBuffer:
-    """Find the front-most disc at each pixel: depth = min z over r3 <= 1; ties go to the lower index.
+    """Find the front-most splat at each pixel: depth(p) = min z over r3 <= 1; ties go to the lower index.
 
-    For the other footprints over the ellipse, without its low-pass filter.
+    The affine and the conic footprint take r of their ellipse, without its low-pass filter, for r3.
     """
     num_pixels = camera.height * camera.width
     depth, margin, id_margin = (np.full(num_pixels, np.inf) for _ in range(3))

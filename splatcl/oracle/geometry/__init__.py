@@ -1,1 +1,1 @@
-"""Geometry of splats and pixels: rays, discs, ellipses, and the fragments where a ray meets a footprint."""
+"""Geometry of splats and pixels: rays, discs, ellipses and the fragments they make."""

@@ -1,4 +1,7 @@
-"""Discs against the rays of pixels: where they are hit, and how near that is to being decided otherwise."""
+"""Discs: where rays meet them, and the margins of these decisions.
+
+The math is that of [BHZK05]'s ray casting, for a splat c + u t_u + v t_v with u^2 + v^2 <= 1 (docs/specification.md).
+"""
 
 from __future__ import annotations
 
@@ -23,24 +26,27 @@ from splatcl.scene.camera import Camera
 
 @dataclass(frozen=True, eq=False)
 class Discs:
-    """Per splat: u = U.s / D.s, v = V.s / D.s, z = Z.s / D.s at the pixel s; D.s > 0 where z has its sign."""
+    """Linear forms of N discs: at s, u = U.s / D.s, v = V.s / D.s and z = Z.s / D.s.
 
-    forms: Array  # (4, 3, N): U, V, Z, D
-    s_center: Array  # (N, 2) s at the projected centre
+    D.s > 0 where z > 0 under perspective, and for every orthographic ray.
+    """
+
+    forms: Array  # (4, 3, N) U, V, Z, D
+    s_center: Array  # (N, 2) s of the projected center
     d_center: Array  # (N,) |D.s| there
-    kappa: Array  # (N,)
+    kappa: Array  # (N,) relative error of g.s at the center (splatcl/oracle/__init__.py)
     usable: Array  # (N,) bool: neither edge-on nor culled
     usable_margin: Array  # (N,) signed
-    clips: Array  # (2, 3, N): a splat's clip line keeps where the form in s is >= 0; zeros for no line
-    offset_error: float = OFFSET_ERROR  # of a pixel's offset from the projected centre, 2^-24 pixels
+    clips: Array  # (2, 3, N) forms of the clip lines, which keep a pixel where they are >= 0; zeros for no line
+    offset_error: float = OFFSET_ERROR  # of a pixel's offset from the projected center, 2^-24 pixels
 
     @classmethod
     def of(cls, projected: ProjectedSplats, camera: Camera) -> Discs:
-        """Write the intersection as quotients of linear forms in s.
+        """Write the intersection of ray and plane as quotients of linear forms in s.
 
-        Perspective: c + u t_u + v t_v = z s gives u = a.s/g.s, v = b.s/g.s, z = c.g/g.s with a = t_v x c,
-        b = c x t_u, g = t_u x t_v. Orthographic: the same with the ray (s_x, s_y, 0) + z (0, 0, 1), that is with
-        c - (s_x, s_y, 0) for c and (0, 0, 1) for the direction.
+        Perspective: c + u t_u + v t_v = z s gives u = a.s / g.s, v = b.s / g.s, z = c.g / g.s with a = t_v x c,
+        b = c x t_u, g = t_u x t_v. Orthographic: the ray is (s_x, s_y, 0) + z (0, 0, 1), so c - (s_x, s_y, 0) stands
+        for c, and (0, 0, 1) for s in the dot products.
         """
         c, t_u, t_v = projected.center_eye, projected.tangent_u_eye, projected.tangent_v_eye
         a, b, g = np.cross(t_v, c), np.cross(c, t_u), np.cross(t_u, t_v)
@@ -62,35 +68,35 @@ class Discs:
         usable = (cosine > EDGE_ON) & ~projected.culled
         clips = np.einsum("nlk,kjn->ljn", projected.clip, forms[[0, 1, 3]])
         constant = np.stack([zero, zero, np.ones(len(c))])[None] * projected.clip[:, :, 2].T[:, None]
-        clips = np.where(cosine > EDGE_ON, clips, constant)  # edge-on: the side of the centre
+        clips = np.where(cosine > EDGE_ON, clips, constant)  # an edge-on disc is on the side of its center
         return cls(forms, to_image_plane(c, camera), d_center, kappa, usable, usable_margin, clips)
 
 
 @dataclass(frozen=True, eq=False)
 class Hits:
-    """Arrays are (P, N), or (N,) for one pixel each."""
+    """Rays against discs: arrays are (P, N) for P pixels and N discs, or (N,) for one pixel each."""
 
-    r_squared: Array  # r3^2; +inf where the disc is missed or z is out of range
-    r: Array  # of the plane's point, whether or not it counts
-    z: Array  # meaningful where r_squared <= 1
-    scale_z: Array
-    scale_r: Array  # of den - |(A.s, B.s)|, over den: of r3
-    margin: Array  # signed
-    u: Array  # of the plane's point
+    r_squared: Array  # r3^2; +inf where the disc is missed, clipped, or z is outside [near, far]
+    r: Array  # sqrt(u^2 + v^2) of the ray's point on the plane, hit or not
+    z: Array  # eye z of that point, scene units; meaningful where r_squared <= 1
+    scale_z: Array  # rounding error of z, 2^-24 scene units
+    scale_r: Array  # rounding error of r, 2^-24
+    margin: Array  # signed, of the hit
+    u: Array  # disc coordinates of that point
     v: Array
     kept: Array  # bool: no clip line cuts it off
     kept_margin: Array  # signed
 
 
 def out_of_range(projected: ProjectedSplats, camera: Camera) -> Array:
-    """(N,) whether the whole disc is outside [near, far] by over a thousandth of its distance."""
+    """Find the discs, (N,) bool, that lie outside [near, far] by over a thousandth of their distance."""
     z, reach = projected.center_eye[:, 2], np.hypot(projected.tangent_u_eye[:, 2], projected.tangent_v_eye[:, 2])
     clearly = 1e-3 * (np.linalg.norm(projected.center_eye, axis=1) + reach)
     return (z + reach + clearly < camera.near) | (z - reach - clearly > camera.far)
 
 
 def intersect(discs: Discs, camera: Camera, s: Array) -> Hits:
-    """Intersect pixels' rays with discs; `s` is (P, 1, 3) for all (N,) discs each, or (N, 3) for one each."""
+    """Intersect pixels' rays with discs; `s` is (P, 1, 3) to pair each pixel with all discs, (N, 3) with one each."""
     s_x, s_y = s[..., 0], s[..., 1]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         u, v, z, d = (s_x * x + s_y * y + one for x, y, one in discs.forms)
@@ -114,7 +120,7 @@ def intersect(discs: Discs, camera: Camera, s: Array) -> Hits:
 
 
 def _scale(discs: Discs, camera: Camera, s: Array) -> tuple[Array, Array, Array]:
-    """Scale of den - |(A.s, B.s)| and of a clip line's form, and e_x, e_y that are in it. `s` as for `intersect`."""
+    """Return the scale of D.s - |(U.s, V.s)| and of a clip line's form, then e_x and e_y; `s` as for `intersect`."""
     e_x = np.abs(s[..., 0] - discs.s_center[:, 0]) + discs.offset_error / camera.fx
     e_y = np.abs(s[..., 1] - discs.s_center[:, 1]) + discs.offset_error / camera.fy
     u_abs, v_abs, _, d_abs = np.abs(discs.forms)
@@ -123,7 +129,7 @@ def _scale(discs: Discs, camera: Camera, s: Array) -> tuple[Array, Array, Array]
 
 
 def _clip(discs: Discs, camera: Camera, s: Array) -> tuple[Array, Array]:
-    """Whether the clip lines keep a pixel, and the signed margin of that. `s` as for `intersect`."""
+    """Return whether the clip lines keep each pixel, and the signed margin of that; `s` as for `intersect`."""
     s_x, s_y = s[..., 0], s[..., 1]
     shape = np.broadcast_shapes(s_x.shape, discs.kappa.shape)
     kept, margin = np.ones(shape, bool), np.full(shape, np.inf)
@@ -140,10 +146,10 @@ def _clip(discs: Discs, camera: Camera, s: Array) -> tuple[Array, Array]:
 
 
 def disc_bounds(center: Array, t_u: Array, t_v: Array, camera: Camera) -> Array:
-    """(N, 4) bounds of the whole discs' projections, pixels; infinite where one is not clear of the eye plane.
+    """Bound the projected discs: (N, 4) x_min y_min x_max y_max, pixels; infinite unless `CLEAR` of the eye plane.
 
-    With t_x = (t_u,x, t_v,x) and t_z alike, the plane x = s z touches the disc where
-    |t_x - s t_z|^2 = (c_x - s c_z)^2, a quadratic in s; the same for y.
+    `center`, `t_u` and `t_v` are (N, 3) in eye space. With t_x = (t_u,x, t_v,x) and t_z alike, the plane x = s z
+    touches the disc where |t_x - s t_z|^2 = (c_x - s c_z)^2. This is a quadratic equation in s; y has the same one.
     """
     t = np.stack([t_u, t_v], axis=-1)  # (N, 3, 2)
     t_xy, t_z, c_xy, c_z = t[:, :2], t[:, 2:], center[:, :2], center[:, 2:]
@@ -151,7 +157,7 @@ def disc_bounds(center: Array, t_u: Array, t_v: Array, camera: Camera) -> Array:
         half = np.linalg.norm(t_xy, axis=2)
         low, high = c_xy - half, c_xy + half
     else:
-        p = (t_z**2).sum(axis=2) - c_z**2  # < 0 where the disc stays clear of the eye plane
+        p = (t_z**2).sum(axis=2) - c_z**2  # < 0 for a disc clear of the eye plane
         q = (t_xy * t_z).sum(axis=2) - c_xy * c_z
         g_yx = t[:, :2, 0] * t[:, 2:, 1] - t[:, :2, 1] * t[:, 2:, 0]
         root = np.sqrt(np.maximum(((c_z[..., None] * t_xy - c_xy[..., None] * t_z) ** 2).sum(axis=2) - g_yx**2, 0))

@@ -1,4 +1,4 @@
-"""Maps from discs to ellipses on the screen, and bounds of these."""
+"""Maps from discs to screen ellipses, for the footprints "affine" ([ZPvBG01]) and "conic" ([ZRB04])."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from splatcl.scene.settings import RenderSettings
 
 @dataclass(frozen=True, eq=False)
 class EllipseMaps:
-    """Per splat an ellipse of disc coordinates w = M^-1 x, x in pixels from the projected centre.
+    """Ellipses of N splats in disc coordinates w = M^-1 x, with x in pixels from the projected center.
 
-    Its contour is |w|^2 = (1 + g.w)^2: the unit circle where g = 0 (the affine map), the projected disc's where g is
-    minus the tangents' share of depth.
+    The contour is |w|^2 = (1 + g.w)^2. For the affine map g is 0 and the contour is the unit circle's image. For the
+    conic map g = -(t_u,z, t_v,z) / c_z and the contour is the projected disc's ([ZRB04] section 3).
     """
 
-    center: Array  # (N, 2) projected centre, raster
-    m: Array  # (N, 2, 2) M
+    center: Array  # (N, 2) projected center, raster
+    m: Array  # (N, 2, 2) M, pixels
     g: Array  # (N, 2)
-    low_pass: float  # cutoff^2 times the low-pass filter's variance, square pixels
-    margin: Array  # (N,) signed: the centre's z in [near, far], and a contour that is an ellipse
+    low_pass: float  # cutoff^2 times the variance of the low-pass filter, square pixels; 0 without EWA
+    margin: Array  # (N,) signed: center's z in [near, far], and a contour that is an ellipse
     exists: Array  # (N,) bool
 
     @classmethod
     def of(cls, c: Array, t_u: Array, t_v: Array, camera: Camera, settings: RenderSettings) -> EllipseMaps:
-        """Return each splat's map: the affine one exact at the centre (Heckbert), or that of the projected contour.
+        """Make the affine map, exact at the center (Heckbert), or under footprint="conic" the projected contour's.
 
-        Over the plane's points w = (u, v) den the ray meets the disc where |w| <= den, den = 1 + g.w
-        ([ZRB04] section 3).
+        For the conic map let w = (u, v) den with den = 1 + g.w. The ray meets the disc where |w| <= den. `c`, `t_u` and
+        `t_v` are (N, 3) in eye space.
         """
         t = np.stack([t_u, t_v], axis=-1)  # (N, 3, 2)
         focal = np.array([camera.fx, camera.fy])
@@ -56,7 +56,7 @@ class EllipseMaps:
 
     @cached_property
     def det_m(self) -> Array:
-        """(N,) |M|."""
+        """(N,) determinant of M, square pixels."""
         return self.m[:, 0, 0] * self.m[:, 1, 1] - self.m[:, 0, 1] * self.m[:, 1, 0]
 
     @cached_property
@@ -66,32 +66,32 @@ class EllipseMaps:
 
     @cached_property
     def middle(self) -> Array:
-        """(N, 2) the ellipse's own centre from the projected one, pixels.
+        """(N, 2) center of the ellipse from the projected center, pixels.
 
-        M w where the gradient of (1 + g.w)^2 - |w|^2 vanishes.
+        It is M w at the w where the gradient of (1 + g.w)^2 - |w|^2 vanishes.
         """
         return np.einsum("nij,nj->ni", self.m, self.g / self.rest[:, None])
 
     @cached_property
     def variance(self) -> Array:
-        """(N, 2, 2) V: x^T V^-1 x = 1 at the contour, about the ellipse's centre."""
+        """(N, 2, 2) V, square pixels: x^T V^-1 x = 1 at the contour, with x from the ellipse's center."""
         inner = np.eye(2) + self.g[:, :, None] * self.g[:, None, :] / self.rest[:, None, None]
         return self.m @ inner @ self.m.swapaxes(1, 2) / self.rest[:, None, None]
 
     @cached_property
     def filtered(self) -> Array:
-        """(N, 2, 2) V + cutoff^2 H."""
+        """(N, 2, 2) V + cutoff^2 H, square pixels, where H is the low-pass filter's variance."""
         return self.variance + np.eye(2) * self.low_pass
 
     @cached_property
     def factor(self) -> Array:
-        """(N,) sqrt(|V| / |V + cutoff^2 H|), what EWA's convolution leaves of the peak."""
+        """(N,) sqrt(|V| / |V + cutoff^2 H|), the factor of the weight under EWA (compare [ZRB04] eq. 11)."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             det, filtered = self.det_m**2 / self.rest**3, self.filtered
             return np.sqrt(det / (filtered[:, 0, 0] * filtered[:, 1, 1] - filtered[:, 0, 1] ** 2))
 
     def bounds(self, exist: Array) -> Array:
-        """(N, 4) bounds of the filtered ellipses, pixels; `NOTHING` where they do not `exist`."""
+        """Bound the filtered ellipses: (N, 4) x_min y_min x_max y_max, pixels; `NOTHING` unless they `exist`."""
         with np.errstate(invalid="ignore", over="ignore"):
             center, half = self.center + self.middle, np.sqrt(np.diagonal(self.filtered, axis1=1, axis2=2))
             bounds = np.hstack([center - half, center + half])

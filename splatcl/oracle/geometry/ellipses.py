@@ -1,4 +1,4 @@
-"""Footprints that are ellipses on the screen, and their Gaussians convolved with a low-pass one (EWA)."""
+"""Elliptical footprints, with or without EWA's low-pass filter ([ZPvBG01], [ZRB04])."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from splatcl.scene.settings import RenderSettings
 
 @dataclass(frozen=True, eq=False)
 class Ellipses:
-    """Per splat the ellipse that it covers."""
+    """Ellipses that N splats cover."""
 
     maps: EllipseMaps
-    usable: Array  # (N,) bool
+    usable: Array  # (N,) bool: the ellipse exists, and the splat is neither edge-on nor culled
     usable_margin: Array  # (N,) signed
-    kappa: Array  # (N,)
-    offset_error: float  # of a pixel's offset from the projected centre, 2^-24 pixels
+    kappa: Array  # (N,) as in `Discs`
+    offset_error: float  # of a pixel's offset from the projected center, 2^-24 pixels
 
     @classmethod
     def of(cls, projected: ProjectedSplats, discs: Discs, camera: Camera, settings: RenderSettings) -> Ellipses:
-        """Return each splat's ellipse."""
+        """Prepare the ellipses under footprint="affine" or "conic"."""
         c, t_u, t_v = projected.center_eye, projected.tangent_u_eye, projected.tangent_v_eye
         maps = EllipseMaps.of(c, t_u, t_v, camera, settings)
         cosine, cosine_scale = facing_cosine(c, t_u, t_v, camera)
@@ -37,26 +37,26 @@ class Ellipses:
 
     @property
     def factor(self) -> Array:
-        """(N,) what EWA leaves of the peak; 0 where there is no ellipse."""
+        """(N,) factor of the weight under EWA; 0 where there is no ellipse."""
         return np.where(self.usable, self.maps.factor, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Coverage:
-    """Pixels in a splat's footprint or pre-filter; (P, N), or (N,) for one each."""
+    """Pixels against footprints or pre-filters: arrays are (P, N) for P pixels and N splats, or (N,) for one each."""
 
-    r_squared: Array  # +inf where a pixel is not in it
-    r: Array  # whether or not it counts
-    scale_r: Array
-    margin: Array  # signed: of r <= 1 and all else that it needs
+    r_squared: Array  # r^2; the pixel is inside where it is <= 1; +inf without a footprint or pre-filter
+    r: Array  # r, even where r_squared is +inf
+    scale_r: Array  # rounding error of r, 2^-24
+    margin: Array  # signed, of r <= 1 and its other conditions
 
 
 def cover(ellipses: Ellipses, filtered: bool, camera: Camera, s: Array) -> Coverage:
-    """Say where pixels are in the ellipse, `filtered` by the low-pass filter or not; `s` as for `intersect`.
+    """Evaluate r of pixels in their ellipses, widened by the low-pass filter if `filtered`; `s` as for `intersect`.
 
-    The scale of r: rounding of x by 2 pixels' 2^-24, of the ellipse's short axis by 1 + kappa (less where the low-pass
-    filter widens it), of the products that r is a sum of. What is farther away than the long axis is outside, whatever
-    the short one is.
+    r^2 = x^T V^-1 x, or x^T (V + cutoff^2 H)^-1 x if `filtered`, with x from the ellipse's center. The scale of r adds
+    three roundings: x by 2^-24 times 2 pixels, the short axis by 1 + kappa, and the products in the sum r^2. The
+    low-pass filter reduces the second one. A pixel farther away than the long axis is outside for any short axis.
     """
     maps, error = ellipses.maps, ellipses.offset_error
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -80,7 +80,7 @@ def cover(ellipses: Ellipses, filtered: bool, camera: Camera, s: Array) -> Cover
         r = np.sqrt(np.maximum(r_squared, 0.0))
         scale_r = steep * r + 4 * along + error * thin
         margin = (1 - r) / (UNIT * scale_r)
-        away = np.hypot(x, y) / size  # r is at least that
+        away = np.hypot(x, y) / size  # a lower bound of r
         margin = np.where(away > 1, np.fmin(margin, (1 - away) / (UNIT * (4 * away + error / size))), margin)
         margin = np.nan_to_num(np.fmin(margin, ellipses.usable_margin), nan=-np.inf)
     r_squared = np.where(ellipses.usable, np.nan_to_num(r_squared, nan=np.inf), np.inf)
