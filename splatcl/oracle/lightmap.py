@@ -1,4 +1,7 @@
-"""Light map: the sums over lights, looked up by direction on an octahedron unfolded to a square."""
+"""Light map: the sums over lights, looked up by direction on an octahedron unfolded to a square.
+
+docs/guide/lights.md has the equations.
+"""
 
 from __future__ import annotations
 

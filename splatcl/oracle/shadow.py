@@ -1,4 +1,4 @@
-"""Shadow maps: a visibility pass from each light, and lookups in it."""
+"""Shadow maps: a visibility pass from each light, and lookups in it (docs/guide/lights.md)."""
 
 from __future__ import annotations
 

@@ -55,7 +55,7 @@ def cover(ellipses: Ellipses, filtered: bool, camera: Camera, s: Array) -> Cover
     """Evaluate r of pixels in their ellipses, widened by the low-pass filter if `filtered`; `s` as for `intersect`.
 
     r^2 = x^T V^-1 x, or x^T (V + cutoff^2 H)^-1 x if `filtered`, with x from the ellipse's center. The scale of r adds
-    three roundings: x by 2^-24 times 2 pixels, the short axis by 1 + kappa, and the products in the sum r^2. The
+    three roundings: x by `offset_error`, the short axis by 1 + kappa, and the products in the sum r^2. The
     low-pass filter reduces the second one. A pixel farther away than the long axis is outside for any short axis.
     """
     maps, error = ellipses.maps, ellipses.offset_error
