@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from agreement import scene
 from scenes import CAMERAS, EPSILON, VIEWS
-from test_probe import SETTINGS
+from test_probe import SETTINGS, every_setting_and_grouping
 
 import splatcl
 from splatcl import RenderSettings
@@ -38,8 +38,7 @@ def test_every_scene_adds_up(renderer, scene_name, camera_name, precision):
     assert failures(renderer.render(scene(scene_name), CAMERAS[camera_name], settings)) == []
 
 
-@pytest.mark.parametrize(("lanes", "tile_size"), [(8, 16), (1, 8), (4, 32)])
-@pytest.mark.parametrize("settings", SETTINGS)
+@pytest.mark.parametrize(("settings", "lanes", "tile_size"), every_setting_and_grouping())
 def test_every_setting_and_grouping_adds_up(renderer_with, settings, lanes, tile_size):
     settings = RenderSettings(**{"epsilon": EPSILON} | SETTINGS[settings])
     renderer = renderer_with(lanes=lanes, tile_size=tile_size)

@@ -141,7 +141,15 @@ def close_up(focal, projection):
     return Camera(np.eye(4), focal, focal, 25, 18, near=0.125, projection=projection, **SIZE)
 
 
-@pytest.mark.parametrize("choices", [{}, {"prefilter": "none"}, {"precision": "double"}], ids=str)
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {},
+        pytest.param({"prefilter": "none"}, marks=pytest.mark.slow),
+        pytest.param({"precision": "double"}, marks=pytest.mark.slow),
+    ],
+    ids=str,
+)
 def test_records_that_are_too_far_add_nothing(device, monkeypatch, choices):
     """Mutations: `near_z` a thousandth of the reach too far; c.z - reach less SLACK_* for its rounding."""
     cases = [(scene(s), CAMERAS[c]) for s, c in VIEWS]

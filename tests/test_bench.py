@@ -11,7 +11,7 @@ import pytest
 
 import splatcl
 from splatcl.apps import sample_scenes
-from splatcl.apps.bench import against, measure, plot, roofline
+from splatcl.apps.bench import against, matrix, measure, plot, roofline
 from splatcl.apps.bench.matrix import BASE, Row, rows
 from splatcl.apps.bench.measure import Skipped
 from splatcl.apps.bench.passes import PASSES, FramePasses
@@ -20,6 +20,8 @@ from splatcl.cli import main
 from splatcl.errors import SplatclError
 
 SMALL = 1 << 20
+SOME_FACTORS = ("shuffled", "1920x1080", "double", "scan", "zwicker01", "unorm8")
+"""Of those that compile programs of their own, a few."""
 
 
 @pytest.fixture
@@ -42,7 +44,12 @@ def run(monkeypatch, tmp_path, capsys, quick_limits):
     return run_bench
 
 
-def test_everything_is_measured_printed_and_written(run, tmp_path):
+@pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_everything_is_measured_printed_and_written(run, tmp_path, monkeypatch, every):
+    if not every:
+        some = [row for row in matrix.FACTORS if row.factor in SOME_FACTORS]
+        monkeypatch.setattr(matrix, "FACTORS", some)
+        assert len(some) == len(SOME_FACTORS)
     status, out, err = run("--sizes 200,300 --frames 1 --plot plot.png --output all.json")
     assert (status, err) == (0, [])
     content = json.loads((tmp_path / "all.json").read_text())

@@ -128,10 +128,10 @@ def test_renders_with_other_rounding_are_inside(scene, camera, choices, seed):
     assert escapes(bounds(splats, view, CHOICES[choices]), rounded) == NONE
 
 
-FAST = ["-cl-fast-relaxed-math", "-cl-mad-enable -cl-unsafe-math-optimizations"]
-
-
-@pytest.mark.parametrize("flags", FAST)
+@pytest.mark.parametrize(
+    "flags",
+    ["-cl-fast-relaxed-math", pytest.param("-cl-mad-enable -cl-unsafe-math-optimizations", marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("scene", ["random_ellipses", "layers", "sphere", "sub_pixel"])
 def test_fast_math_builds_are_inside(scene, flags, monkeypatch):
     """The kernels built with every licence: their bits change (or the test shows nothing), no value escapes."""

@@ -49,18 +49,24 @@ def any_splats(draw, further=()):
         return None
 
 
+ANY_SIZE = st.tuples(st.integers(1, 40), st.integers(1, 40))
+FEW_SIZES = st.sampled_from([(1, 1), (1, 33), (40, 31)])
+"""Images of other sizes compile the kernels that take a work-item for each pixel again."""
+
+
 @st.composite
-def any_camera(draw):
+def any_camera(draw, sizes):
     eye, target = draw(npst.arrays(np.float64, 3, elements=MODERATE)), draw(rows(MODERATE, 1))[0]
     near = draw(st.floats(1e-6, 10))
+    width, height = draw(sizes)
     try:
         return Camera.look_at(
             eye,
             target,
             draw(npst.arrays(np.float64, 3, elements=MODERATE)),
             draw(st.floats(1e-3, 179.9)),
-            draw(st.integers(1, 40)),
-            draw(st.integers(1, 40)),
+            width,
+            height,
             near=near,
             far=near + draw(st.floats(1e-3, 1e6)),
             projection=draw(st.sampled_from(["perspective", "orthographic"])),
@@ -89,6 +95,8 @@ COMBINATIONS = (  # few, as each is compiled: settings, and what the splats have
     ({"method": "botsch04", "facing": "cull"}, ("clip", "field", "gloss", "attribute")),
     ({"method": "botsch03", "facing": "cull", "precision": "double", "target": "unorm8"}, ("attribute",)),
 )
+FEW_COMBINATIONS = (*COMBINATIONS[:3], COMBINATIONS[6])
+"""Three whose programs other tests build as well, and one with everything that splats may have."""
 
 
 @st.composite
@@ -111,10 +119,10 @@ def any_settings(draw, combination):
 
 
 @st.composite
-def any_frame(draw):
+def any_frame(draw, combinations, sizes):
     """Splats, a camera and settings of one combination; None for what is refused."""
-    combination, further = draw(st.sampled_from(COMBINATIONS))
-    return draw(any_splats(further)), draw(any_camera()), draw(any_settings(combination))
+    combination, further = draw(st.sampled_from(combinations))
+    return draw(any_splats(further)), draw(any_camera(sizes)), draw(any_settings(combination))
 
 
 def check(frame, camera, choices):
@@ -137,10 +145,20 @@ def check(frame, camera, choices):
 
 
 @FUZZ
-@given(frame=any_frame())
+@given(frame=any_frame(FEW_COMBINATIONS, FEW_SIZES))
 def test_whatever_is_accepted_renders(renderer, frame):
     """Caught: a mean depth that is divided by a weight sum of 0; a normal sum of length 0 that is normalised."""
-    splats, camera, choices = frame
+    check_if_accepted(renderer, *frame)
+
+
+@pytest.mark.slow
+@FUZZ
+@given(frame=any_frame(COMBINATIONS, ANY_SIZE))
+def test_whatever_is_accepted_renders_in_any_size(renderer, frame):
+    check_if_accepted(renderer, *frame)
+
+
+def check_if_accepted(renderer, splats, camera, choices):
     assume(splats is not None and camera is not None and choices is not None)
     try:
         frame = renderer.render(splats, camera, choices)

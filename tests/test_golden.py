@@ -71,9 +71,35 @@ def altered_kernels(monkeypatch, good, bad):
     return found
 
 
+FEW = ("ordinary", "near_plane", "edge_on", "sub_pixel", "sub_pixel_bounds", "layers_front", "along_ray", "lights")
+"""Scenes that share their programs: a tenth of what all scenes compile."""
+METHODS = ("zwicker04", "tiny_everything")
+"""Scenes that between them take every option of the methods."""
+
+
+def check_few(renderer):
+    return golden.check(renderer, FEW)
+
+
+def check_few_and_methods(renderer):
+    return golden.check(renderer, FEW + METHODS + ("tiny_double",) * renderer.supports_double)
+
+
 def check_plain(renderer):
     """Check the scenes of [BHZK05]'s method: a minute less to compile than for all."""
     return golden.check(renderer, [scene.name for scene in golden.scenes() if scene.plain])
+
+
+SLOW = pytest.mark.slow
+"""Marks what compiles for half a minute or longer; .ci/runtimes takes most of it as well, on every runtime."""
+ALL = pytest.param(golden.check, marks=SLOW)
+PLAIN = pytest.param(check_plain, marks=SLOW)
+
+
+def ways(name, fast, *others):
+    """Parametrize a way of working and its check: few scenes for `fast`, in the slow tier the plain scenes for all."""
+    slow = [pytest.param(way, check_plain, marks=SLOW) for way in (fast, *others)]
+    return pytest.mark.parametrize((name, "check"), [(fast, check_few), *slow])
 
 
 @pytest.fixture(scope="module")
@@ -111,48 +137,48 @@ def test_the_default_device(renderer):
     assert golden.check(renderer) == []
 
 
-SLOW = pytest.mark.slow
-"""Marks ways of working that .ci/runtimes takes as well, on every runtime."""
-
-
-@pytest.mark.parametrize("tile_size", [pytest.param(8, marks=SLOW), 32, pytest.param(64, marks=SLOW)])
-def test_tile_sizes(tile_size):
+@ways("tile_size", 32, 8, 64)
+def test_tile_sizes(tile_size, check):
     """Mutation: `least(REGION, 16) - 1` in place of `REGION - 1` in boxes_of."""
-    assert check_plain(Renderer(tile_size=tile_size)) == []
+    assert check(Renderer(tile_size=tile_size)) == []
 
 
-def test_tiles_and_lanes_of_every_method(scenes):
+@pytest.mark.parametrize("every", [False, pytest.param(True, marks=SLOW)])
+def test_tiles_and_lanes_of_every_method(scenes, every):
     """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in tile.h's block_offsets."""
     names = [name for name, scene in scenes.items() if not scene.plain and scene.settings.precision == "single"]
-    assert golden.check(Renderer(lanes=4, tile_size=32), names) == []
+    assert set(METHODS) < set(names)
+    assert golden.check(Renderer(lanes=4, tile_size=32), names if every else METHODS) == []
 
 
-@pytest.mark.parametrize("lanes", [1, pytest.param(4, marks=SLOW), pytest.param(16, marks=SLOW)])
-def test_lanes(lanes):
+@ways("lanes", 1, 4, 16)
+def test_lanes(lanes, check):
     """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in attributes.cl's large_box."""
     if lanes == 16 and "PoCL 3.0" in choose_device().version:
         with pytest.raises(DeviceError, match="cannot compile 16-wide square roots"):
             Renderer(lanes=lanes)
     else:
-        assert check_plain(Renderer(lanes=lanes)) == []
+        assert check(Renderer(lanes=lanes)) == []
 
 
 @pytest.mark.parametrize(
-    ("tile_size", "check"), [(8, golden.check), pytest.param(16, check_plain, marks=SLOW)], ids=["8", "16"]
+    ("tile_size", "check"),
+    [(8, check_few_and_methods), *(pytest.param(*way, marks=SLOW) for way in ((8, golden.check), (16, check_plain)))],
 )
 def test_a_work_item_per_pixel(tile_size, check):
     """Mutation: `part / (TILE / 2)` in place of `part / REGIONS_X` in region_of."""
     assert check(Renderer(mapping="pixel", tile_size=tile_size)) == []
 
 
-@pytest.mark.parametrize("group", [pytest.param(1, marks=SLOW), 16, pytest.param(32, marks=SLOW)])
-def test_group_sizes_of_pixels(monkeypatch, group):
+@ways("group", 16, 1, 32)
+def test_group_sizes_of_pixels(monkeypatch, group, check):
     """Mutation: visibility's region_of given `get_group_id(0) * get_local_size(0) / 64 * 64 + get_local_id(0)`."""
     monkeypatch.setattr(context, "PIXEL_GROUP", group)
-    assert check_plain(Renderer(mapping="pixel")) == []
+    assert check(Renderer(mapping="pixel")) == []
 
 
-def test_group_sizes_of_tiles_chunks_and_images(monkeypatch):
+@pytest.mark.parametrize("check", [check_few_and_methods, ALL])
+def test_group_sizes_of_tiles_chunks_and_images(monkeypatch, check):
     """Mutation: visibility's region_of given `get_group_id(0)`."""
 
     def call(program, queue, name, size, group, *args):
@@ -160,7 +186,7 @@ def test_group_sizes_of_tiles_chunks_and_images(monkeypatch):
         program.kernels[name](queue, size, groups, *args)
 
     monkeypatch.setattr(Program, "__call__", call)
-    assert golden.check(Renderer()) == []
+    assert check(Renderer()) == []
 
 
 @pytest.mark.parametrize(("least", "most"), [(16, 1000), (48, 3)])
@@ -173,11 +199,12 @@ def test_chunks_and_bands(monkeypatch, least, most):
     assert golden.check(Renderer()) == []
 
 
-def test_quarters_of_tiles(monkeypatch):
+@pytest.mark.parametrize("check", [check_few, PLAIN])
+def test_quarters_of_tiles(monkeypatch, check):
     """As where a few tiles hold most splats. Mutation: `part / REGIONS` in place of `part / REGIONS_X` in region_of."""
     monkeypatch.setattr(context, "FEW_TILES", 1000)
     monkeypatch.setattr(context, "MANY_ENTRIES", -1)
-    assert check_plain(Renderer()) == []
+    assert check(Renderer()) == []
 
 
 def test_threads():
@@ -194,11 +221,12 @@ def test_threads():
     assert len(outputs[0]) == 3 and outputs[0][2] == outputs[1][2]
 
 
-def test_our_own_division_and_square_root(monkeypatch):
+@pytest.mark.parametrize("check", [check_few, PLAIN])
+def test_our_own_division_and_square_root(monkeypatch, check):
     """Where a runtime does not round its own correctly. Mutation: NEWTON_STEPS two fewer."""
     renderer = Renderer()
     monkeypatch.setattr(renderer._device.strictness, "options", lambda _: {"EXACT_DIVIDE": 0, "EXACT_SQRT": 0})
-    assert check_plain(renderer) == []
+    assert check(renderer) == []
 
 
 @pytest.mark.parametrize("name", ROUNDINGS)

@@ -44,13 +44,27 @@ def assert_same_bits(a, b, where=np.s_[:]):
         assert one.tobytes() == other.tobytes(), f"{name}: {np.count_nonzero(one != other)} differ"
 
 
+def assert_groupings_change_no_bit(renderer_with, groupings, name, seed, camera, chosen):
+    splats = SCENES[name](seed)
+    whole = arrays(renderer_with(8, 16).render(splats, camera, chosen))
+    for lanes, tile_size in groupings:
+        assert_same_bits(whole, arrays(renderer_with(lanes, tile_size).render(splats, camera, chosen)))
+
+
+@settings(bounded, max_examples=12)
+@given(scene_names, seeds, st.sampled_from([CAMERAS["close"], CAMERAS["off_center"]]), choices)
+def test_two_groupings_change_no_bit(renderer_with, name, seed, camera, chosen):
+    """With settings that share their programs."""
+    chosen = replace(chosen, prefilter="min", facing="flip")
+    assert_groupings_change_no_bit(renderer_with, [(1, 16), (4, 32)], name, seed, camera, chosen)
+
+
+@pytest.mark.slow
 @settings(bounded, max_examples=12)
 @given(scene_names, seeds, cameras, choices)
 def test_tiles_and_lanes_change_no_bit(renderer_with, name, seed, camera, chosen):
-    splats = SCENES[name](seed)
-    whole = arrays(renderer_with(8, 16).render(splats, camera, chosen))
-    for lanes, tile_size in [(1, 16), (4, 16), (8, 8), (8, 32), (8, 64), (4, 64), (1, 8)]:
-        assert_same_bits(whole, arrays(renderer_with(lanes, tile_size).render(splats, camera, chosen)))
+    groupings = [(1, 16), (4, 16), (8, 8), (8, 32), (8, 64), (4, 64), (1, 8)]
+    assert_groupings_change_no_bit(renderer_with, groupings, name, seed, camera, chosen)
 
 
 @bounded

@@ -14,10 +14,11 @@ from splatcl import RenderSettings
 from splatcl.opencl.passes import bin as bin_pass
 from splatcl.opencl.state.context import EVERY
 
-TILES = [8, 16, 32, 64]
+TILES = [8, 32, 64]
+USUAL = (16, "raycast", "min", False)
 WAYS = (  # few, as each is compiled: tile size, footprint, pre-filter, and whether there are clip lines
     (8, "raycast", "min", False),
-    (16, "raycast", "min", False),
+    USUAL,
     (32, "raycast", "none", False),
     (64, "raycast", "min", False),
     (16, "raycast", "min", True),
@@ -26,6 +27,11 @@ WAYS = (  # few, as each is compiled: tile size, footprint, pre-filter, and whet
     (64, "conic", "none", False),
 )
 DISCS = WAYS[:4]
+
+
+def in_ways(ways, usual=(USUAL,)):
+    """Parametrize `ways`: the usual one, and slowly all of `ways`, each of which compiles programs of its own."""
+    return pytest.mark.parametrize("ways", [usual, pytest.param(ways, marks=pytest.mark.slow)], ids=["usual", "all"])
 
 
 def any_settings(rng, precision, footprint, prefilter):
@@ -55,25 +61,27 @@ def assert_layers_do_not_show(device, splats, camera, settings, tile_size):
         assert array.tobytes() == whole[name].tobytes(), name
 
 
+@in_ways(TILES, usual=[16])
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("thickness", [0, bin_pass.FRONT_THICKNESS])
 @pytest.mark.parametrize(("scene_name", "camera_name"), VIEWS)
-def test_layers_do_not_change_the_sums(device, monkeypatch, scene_name, camera_name, thickness, precision):
+def test_layers_do_not_change_the_sums(device, monkeypatch, scene_name, camera_name, thickness, precision, ways):
     monkeypatch.setattr(bin_pass, "FRONT_THICKNESS", thickness)
     settings = RenderSettings(epsilon=EPSILON, precision=precision)
-    tile_size = TILES[VIEWS.index((scene_name, camera_name)) % len(TILES)]
+    tile_size = ways[VIEWS.index((scene_name, camera_name)) % len(ways)]
     assert_layers_do_not_show(device, scene(scene_name), CAMERAS[camera_name], settings, tile_size)
 
 
+@in_ways(WAYS)
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
-def test_layers_of_any_discs_do_not_change_the_sums(device, monkeypatch, projection, precision):
+def test_layers_of_any_discs_do_not_change_the_sums(device, monkeypatch, projection, precision, ways):
     """Mutation: no epsilon in hiding_of."""
     monkeypatch.setattr(bin_pass, "FRONT_THICKNESS", 0)
     for seed in range(60):
         rng = np.random.default_rng(seed)
         camera = any_camera(rng, projection)
-        tile_size, footprint, prefilter, has_lines = WAYS[seed % len(WAYS)]
+        tile_size, footprint, prefilter, has_lines = ways[seed % len(ways)]
         splats, settings = any_discs(rng, camera), any_settings(rng, precision, footprint, prefilter)
         if has_lines:
             lines = np.array([0, 0, 0.5]) + rng.normal(size=(len(splats), 2, 3))
@@ -115,16 +123,17 @@ def fragments_of(records, attributes, x, y, settings, projection):
     return exists | filtered, np.where(filtered, r["center_z"], z)
 
 
+@in_ways(DISCS)
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")
-def test_no_fragment_is_nearer_or_elsewhere_than_its_clue_says(device, no_front, projection, precision):
+def test_no_fragment_is_nearer_or_elsewhere_than_its_clue_says(device, no_front, projection, precision, ways):
     """Mutations: DEPTH_SLACK or DISTANCE_SLACK negative; `first` for `last` in clue_of."""
     num_sure = num_fragments = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
         camera = any_camera(rng, projection)
-        tile_size, footprint, prefilter, _ = DISCS[seed % len(DISCS)]
+        tile_size, footprint, prefilter, _ = ways[seed % len(ways)]
         settings = any_settings(rng, precision, footprint, prefilter)
         passes = DevicePasses(device, any_discs(rng, camera), camera, settings, tile_size)
         for left, top, records, attributes, keys in read_keys(passes, tile_size):

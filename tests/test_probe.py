@@ -86,8 +86,17 @@ SETTINGS = {
 }
 
 
-@pytest.mark.parametrize(("lanes", "tile_size"), [(8, 16), (1, 8), (4, 32)])
-@pytest.mark.parametrize("settings", SETTINGS)
+def every_setting_and_grouping():
+    """All settings in the usual grouping and one in each of the others, which compile anew; the rest are slow."""
+    quick = {(1, 8): "no pre-filter, culled", (4, 32): "table"}
+    return [
+        pytest.param(settings, *grouping, marks=[] if quick.get(grouping, settings) == settings else pytest.mark.slow)
+        for grouping in ((8, 16), *quick)
+        for settings in SETTINGS
+    ]
+
+
+@pytest.mark.parametrize(("settings", "lanes", "tile_size"), every_setting_and_grouping())
 def test_so_they_do_for_every_setting_and_grouping(renderer_with, settings, lanes, tile_size):
     settings = RenderSettings(**{"epsilon": EPSILON} | SETTINGS[settings])
     for camera_name in ("off_center", "orthographic"):

@@ -60,9 +60,18 @@ def test_the_code_builds_the_stored_scenes():
             )
 
 
-def test_regenerating_twice_gives_the_same_bytes(scene, renderer, renderer_with, tmp_path):
+FEW = ("facing_disc", "checkerboard", "edge_on", "near_plane", "bunny")
+"""Scenes that share their programs."""
+
+
+@pytest.mark.parametrize(
+    ("scene", "tile_size"),
+    [*((name, 16) for name in FEW), *(pytest.param(name, 32, marks=pytest.mark.slow) for name in SCENES)],
+    indirect=["scene"],
+)
+def test_regenerating_twice_gives_the_same_bytes(scene, tile_size, renderer, renderer_with, tmp_path):
     name, scene = scene
-    for folder, each in (("once", renderer), ("again", renderer_with(lanes=1, tile_size=32))):
+    for folder, each in (("once", renderer), ("again", renderer_with(lanes=1, tile_size=tile_size))):
         (tmp_path / folder).mkdir()
         write_scene(tmp_path / folder, name, scene, each.render(scene.splats, scene.camera, scene.settings))
     files = sorted(path.name for path in (tmp_path / "once").iterdir())
