@@ -33,7 +33,7 @@ lint: $(VENV)/installed-test ## run ruff, mypy and the check that imports go dow
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
-	$(BIN)/lint-imports --no-logo
+	$(BIN)/lint-imports
 
 format: $(VENV)/installed-test ## let ruff fix and format the code
 	$(BIN)/ruff check --fix .
