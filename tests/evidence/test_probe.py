@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.agreement import scene
+from helpers.groupings import SETTINGS, every_setting_and_grouping
 from helpers.paths import ROOT
 from helpers.scenes import CAMERAS, EPSILON, VIEWS
 from tolerances import DEPTH_BY_HAND, PROBED_DISC
@@ -74,25 +75,6 @@ def test_the_sums_end_at_the_frame_s_bits(renderer, scene_name, camera_name, pre
     )
     for x, y in pixels(frame, 8):
         assert_ends_at_the_frame(frame, frame.probe(x, y))
-
-
-SETTINGS = {
-    "no pre-filter, culled": {"prefilter": "none", "facing": "cull"},
-    "wide pre-filter about the bounds": {"prefilter_radius": 2.5, "prefilter_center": "bounds"},
-    "along the ray, flipped": {"along": "ray", "facing": "flip", "epsilon": 0.25},
-    "table": {"kernel": "table", "kernel_table": (1.0, 0.9, 0.4, 0.15, 0.1), "kernel_lookup": "linear"},
-    "auto": {"epsilon": "auto", "cutoff": 0.5},
-}
-
-
-def every_setting_and_grouping():
-    """All settings in the usual grouping and one in each of the others, which compile anew; the rest are slow."""
-    quick = {(1, 8): "no pre-filter, culled", (4, 32): "table"}
-    return [
-        pytest.param(settings, *grouping, marks=[] if quick.get(grouping, settings) == settings else pytest.mark.slow)
-        for grouping in ((8, 16), *quick)
-        for settings in SETTINGS
-    ]
 
 
 @pytest.mark.parametrize(("settings", "lanes", "tile_size"), every_setting_and_grouping())

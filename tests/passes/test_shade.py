@@ -6,17 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.device_passes import DevicePasses
-from helpers.scenes import CAMERAS, SIZE, frames, random_ellipses
-from tolerances import SHADED_DOUBLE, SHADED_SINGLE, SPECULAR_EDGE
+from helpers.scenes import CAMERAS
+from helpers.shading import SHAPE, TOLERANCE, both, make_sums, one_disc
+from tolerances import SPECULAR_EDGE
 
 from splatcl import Camera, Light, Material, RenderSettings, Splats
-from splatcl.oracle.buffers import DepthBuffer, GBuffer
-from splatcl.oracle.shade import shade
 
-SHAPE = SIZE["height"], SIZE["width"]
 VIEWS = ["off_center", "orthographic", "inside"]
-TOLERANCE = {"single": SHADED_SINGLE, "double": SHADED_DOUBLE}
 LIGHTS = {
     "headlight": (Light(),),
     "directional": (Light("directional", (0.3, 2.0, 1.5)),),
@@ -29,40 +25,6 @@ LIGHTS = {
     "spot": (Light("spot", (0.5, 1.0, 2.5), (0.9, 0.5, 0.2), direction=(-0.1, -0.4, -1.0), inner=15.0, outer=40.0),),
     "none": (),
 }
-
-
-def make_sums(seed=0):
-    """G-buffers as the attribute pass could leave them, float32: empty, disc and pre-filter-only pixels."""
-    rng = np.random.default_rng(seed)
-    weight = rng.uniform(0.1, 5, SHAPE)
-    state = rng.integers(0, 6, SHAPE)  # 0: empty; 1: only pre-filter fragments; else a disc was hit
-    weight[(state == 0) | (state == 5)] = 0  # a disc may weigh nothing: a table may end in zeros
-    normal = rng.normal(size=(*SHAPE, 3))
-    depth = np.where(state >= 2, rng.uniform(1, 5, SHAPE), np.inf)
-    sums = {
-        "depth": depth,
-        "weight_sum": weight,
-        "color_sum": weight[..., None] * rng.uniform(0, 1, (*SHAPE, 3)),
-        "normal_sum": weight[..., None] * normal / np.linalg.norm(normal, axis=-1, keepdims=True),
-        "depth_sum": weight * rng.uniform(1, 5, SHAPE),
-    }
-    sums["normal_sum"][state == 4] *= 0.01  # opposite normals nearly cancelled
-    sums["normal_sum"][0, :3] = 0  # and here they did
-    return {name: array.astype(np.float32) for name, array in sums.items()}
-
-
-def expected(sums, camera, settings):
-    """Return what the oracle makes of the sums, contours at the settings' own epsilon."""
-    exact = {name: array.astype(np.float64) for name, array in sums.items()}
-    depth = DepthBuffer(exact.pop("depth"), *[np.zeros(SHAPE)] * 3)
-    gbuffer = GBuffer(**exact, count=np.zeros(SHAPE), margin=np.zeros(SHAPE))
-    return shade(gbuffer, depth, camera, settings, settings.epsilon)
-
-
-def both(device, camera, settings, sums):
-    """Return what the device and the oracle make of the same sums."""
-    got = DevicePasses(device, random_ellipses(num=3), camera, settings).shade(sums)
-    return got, expected(sums, camera, settings)
 
 
 def to_lights(want, camera, settings):
@@ -124,12 +86,6 @@ def test_unlit_shaders(device, camera_name, precision, shader):
     np.testing.assert_allclose(got["color"], want["color"], rtol=0, atol=TOLERANCE[precision])
     if shader == "albedo":
         np.testing.assert_array_equal(got["color"][..., :3], got["albedo"])
-
-
-def one_disc(normal, color=(0.5, 0.25, 1.0), z=4.0):
-    """A big disc of one normal on the axis of a camera at the origin, and its frame's middle pixel."""
-    u, v = frames(normal)
-    return Splats([[0, 0, z]], 3 * u, 3 * v, color=[color])
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])

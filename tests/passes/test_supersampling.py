@@ -14,7 +14,7 @@ from tolerances import MARGIN_UNITS, SUPERSAMPLED, SUPERSAMPLED_COLOR, SUPERSAMP
 
 from splatcl import Camera, Frame, Material, RenderSettings, SplatclError, Splats, oracle
 from splatcl.io.png import to_srgb8
-from splatcl.opencl.session import _draw
+from splatcl.opencl.draw import _draw_window
 from splatcl.opencl.supersampling import MIN_SAMPLES, blocks, box_filtered, supersampled
 from splatcl.oracle.supersampling import averaged, enlarged
 from splatcl.scene.camera import MAX_SIZE
@@ -44,7 +44,7 @@ def windows(renderer, splats, settings):
 
     def render(camera, first):
         drawn.append(camera.width * camera.height)
-        return renderer.call(_draw, resident, camera, settings, first)
+        return _draw_window(*renderer.prepare(resident, camera, settings, first), resident.epsilon(settings))
 
     return render, drawn
 

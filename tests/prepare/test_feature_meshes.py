@@ -1,6 +1,5 @@
 """Sharp features of meshes and of solids: everything stays covered, and nothing reaches over an edge."""
 
-
 import numpy as np
 import pytest
 import tolerances as tol

@@ -8,45 +8,17 @@ import numpy as np
 import pytest
 import tolerances as tol
 from helpers.cli_stub import run
-from helpers.point_sets import fibonacci_sphere, grid
-from helpers.scenes import frames, joined
+from helpers.point_sets import discs, fibonacci_sphere, plane, rim_errors
+from helpers.scenes import joined
 
 import splatcl
 from splatcl import Splats, fit_normal_fields, normal_fields
 from splatcl.errors import InvalidSplatsError
 
-ANGLES = 2 * np.pi * np.arange(12) / 12
-
-
-def discs(points, normals, radius, **further):
-    u, v = frames(normals)
-    return Splats(points, u * radius, v * radius, **further)
-
 
 def sphere(num=2000, scale=5.0, radius=0.05):
     points = fibonacci_sphere(num)
     return discs(points * scale, points, radius * scale)
-
-
-def plane(nx=12, ny=12):
-    return discs(grid(nx, ny), np.tile((0.0, 0.0, 1.0), (nx * ny, 1)), 0.75)
-
-
-def field_normals(splats, u, v):
-    normals = splats.normal + u * splats.normal_du + v * splats.normal_dv
-    return normals / np.linalg.norm(normals, axis=1, keepdims=True)
-
-
-def rim_errors(splats, scale):
-    """Return the largest error of the field's and of the constant normals on the rims of discs that touch a sphere."""
-    worst = np.zeros(2)
-    for angle in ANGLES:
-        u, v = np.cos(angle), np.sin(angle)
-        flat = (u * splats.tangent_u + v * splats.tangent_v) / scale
-        true = flat + splats.normal * np.sqrt(1 - np.sum(flat**2, axis=1, keepdims=True))
-        for i, normals in enumerate((field_normals(splats, u, v), splats.normal)):
-            worst[i] = max(worst[i], np.linalg.norm(normals - true, axis=1).max())
-    return worst
 
 
 def assert_constant(splats):

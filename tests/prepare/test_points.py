@@ -3,28 +3,15 @@
 import numpy as np
 import pytest
 import tolerances as tol
+from helpers.point_sets import fibonacci_sphere, grid
 
 from splatcl.errors import InvalidSplatsError
 from splatcl.prepare.points import estimate_spacing, least_eigenvectors, splats_from_points
 
 
-def fibonacci_sphere(num):
-    i = np.arange(num) + 0.5
-    z, angle = 1 - 2 * i / num, np.pi * (1 + 5**0.5) * i
-    r = np.sqrt(1 - z * z)
-    return np.stack([r * np.cos(angle), r * np.sin(angle), z], axis=1)
-
-
 def random_sphere(num, seed):
     v = np.random.default_rng(seed).normal(size=(num, 3))
     return v / np.linalg.norm(v, axis=1, keepdims=True)
-
-
-def grid(nx, ny, dx=1.0, dy=1.0, jitter=0.0):
-    x, y = np.meshgrid(np.arange(nx), np.arange(ny))
-    points = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3).astype(float)
-    points[:, :2] += np.random.default_rng(3).uniform(-jitter, jitter, (len(points), 2))
-    return points * (dx, dy, 1)
 
 
 def num_covering(splats, surface, normal):

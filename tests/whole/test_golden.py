@@ -38,7 +38,7 @@ print(renderer._device.info.handle.max_compute_units, len(images), *golden.check
 
 SUM = "h.u = (s->u_x * h.dx + s->u_y * h.dy) + s->u_1;"
 QUEUED = "place[num] = i;\n    num += near_z[i] <= farthest;"
-ROOT = "#if ON_POCL && LANES == 8 && !DOUBLE && defined(__AVX__)"
+ROOT_TEXT = "#if ON_POCL && LANES == 8 && !DOUBLE && defined(__AVX__)"
 ROUNDINGS = {  # one rounding, or the order of two, and another in its place
     "association": ("(a.x * b.x + a.y * b.y) + a.z * b.z", "a.x * b.x + (a.y * b.y + a.z * b.z)"),
     "order of sums": (
@@ -52,7 +52,7 @@ ROUNDINGS = {  # one rounding, or the order of two, and another in its place
         "power(at_most(dot3(mirrored, s->to_eye), R(1.0)), ",
         "pow(clamp(dot3(mirrored, s->to_eye), R(0.0), R(1.0)), (reals)",
     ),
-    "inverse square root": (ROOT, f"#if LANES > 1\n#define square_root(x) ((x) * rsqrt(x))\n#elif {ROOT[4:]}"),
+    "inverse square root": (ROOT_TEXT, f"#if LANES > 1\n#define square_root(x) ((x) * rsqrt(x))\n#elif {ROOT_TEXT[4:]}"),
     "reciprocal": ("#define divide(a, b) ((a) / (b))", "#define divide(a, b) ((a) * ((real)1 / (b)))"),
 }
 

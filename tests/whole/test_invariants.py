@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.bits import NONE, arrays, assert_same_bits
 from helpers.scenes import CAMERAS, SCENES, frames, joined, random_ellipses
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -14,7 +15,6 @@ from tolerances import DEPTH_RELATIVE, MARGIN_UNITS, PERMUTED, RESOLVED
 from splatcl import Camera, RenderSettings, Splats, oracle
 from splatcl.opencl.passes import bin as bin_pass
 
-NONE = 0xFFFFFFFF
 bounded = settings(
     max_examples=30, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
@@ -29,19 +29,6 @@ choices = st.builds(
     prefilter_center=st.sampled_from(["projected", "bounds"]),
     facing=st.sampled_from(["keep", "flip", "cull"]),
 )
-
-
-def arrays(frame):
-    return dict(frame)
-
-
-def assert_same_bits(a, b, where=np.s_[:]):
-    """The AOVs of `a`, at `where`, and those of `b`: their names in order, types, shapes and bits."""
-    assert list(a) == list(b)
-    for name in a:
-        one, other = a[name][where], b[name]
-        assert (one.dtype, one.shape) == (other.dtype, other.shape), name
-        assert one.tobytes() == other.tobytes(), f"{name}: {np.count_nonzero(one != other)} differ"
 
 
 def assert_groupings_change_no_bit(renderer_with, groupings, name, seed, camera, chosen):
