@@ -158,8 +158,8 @@ def hide(passes: Passes, lists: TileLists, depth: DepthBuffer, epsilon: float) -
     """Find the entries behind the front layer, which is in `depth`, that cannot show (kernels/hide.cl)."""
     camera = passes.camera
     passes.run(
-        "hide", (lists.last_tile - lists.first_tile,), lists.clues, lists.start, lists.begin_buffer, lists.first_tile,
-        passes.tiles_x, camera.width, camera.height, float(epsilon), depth.depth,
+        "occlusion", (lists.last_tile - lists.first_tile,), lists.clues, lists.start, lists.begin_buffer,
+        lists.first_tile, passes.tiles_x, camera.width, camera.height, float(epsilon), depth.depth,
     )  # fmt: skip
 
 
@@ -257,7 +257,7 @@ def channels(
 ) -> None:
     """Fill the band's part of two (H, W, 3) images: means of six further channels, as `attributes` weighs colours."""
     nothing = passes.device.buffer(0)
-    options = {**projected.options, "FIELD": 0, "SHADING": 0, "CHANNELS": 1, "SHADER": '"albedo.h"'}
+    options = {**projected.options, "FIELD": 0, "SHADING": 0, "CHANNELS": 1, "SHADER": '"shading/shaders/albedo.h"'}
     _run_attributes(
         passes, view, lists, projected, depth, epsilon, values, nothing, *images, nothing, nothing, **options
     )

@@ -108,7 +108,7 @@ def resolve(passes: Passes, view: Any, depth: DepthBuffer, gbuffer: GBuffer) -> 
     """Return buffers of what the sums say of the surface: P, N, albedo, depth.mean, depth.distance."""
     surface = {"P": 3, "N": 3, "albedo": 3, "depth.mean": 1, "depth.distance": 1}
     buffers = {name: passes.image(channels) for name, channels in surface.items()}
-    _run_shade(passes, "resolve", view, *_sums(depth, gbuffer), *buffers.values(), RESOLVED=0)
+    _run_shade(passes, "shade_resolve", view, *_sums(depth, gbuffer), *buffers.values(), RESOLVED=0)
     return buffers
 
 
@@ -118,7 +118,7 @@ def _run_shade(passes: Passes, kernel: str, *args: Any, **options: int) -> None:
     # A user's shader has a file of its own; what is not deferred was lit before it was blended.
     shader = "albedo" if settings.shader == "user" or settings.shading != "deferred" else settings.shader
     options = {"GLOSS": 0, **light_options(settings), **options}
-    passes.run(kernel, size, *args, SHADER=f'"{shader}.h"', **options)
+    passes.run(kernel, size, *args, SHADER=f'"shading/shaders/{shader}.h"', **options)
 
 
 def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:

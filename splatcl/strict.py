@@ -100,7 +100,7 @@ def _key(device: DeviceQueue, precision: Precision, lanes: tuple[int, ...]) -> s
 
     handle = device.info.handle
     facts = (device.info.platform, device.info.version, device.info.name, handle.driver_version, precision, lanes)
-    test = [Path(arithmetic.__file__).read_text(), inline_source("doctor.cl", {})]
+    test = [Path(arithmetic.__file__).read_text(), inline_source("evidence/doctor.cl", {})]
     return hashlib.sha256(repr((facts, injected_flags(), test)).encode()).hexdigest()[:24]
 
 
