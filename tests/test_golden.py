@@ -111,7 +111,7 @@ def test_tiles_and_lanes_of_every_method(scenes):
 
 @pytest.mark.parametrize("lanes", [1, pytest.param(4, marks=SLOW), pytest.param(16, marks=SLOW)])
 def test_lanes(lanes):
-    """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in attributes.cl's large_box."""
+    """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in attributes.cl's add_large_box."""
     if lanes == 16 and "PoCL 3.0" in device.choose_device().version:
         with pytest.raises(DeviceError, match="cannot compile 16-wide square roots"):
             Renderer(lanes=lanes)

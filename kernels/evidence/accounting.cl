@@ -24,7 +24,7 @@ kernel void accounting(constant View *view, global const ProjectedSplat *records
     for (int y = box.y; y <= box.w; ++y)
       for (int x = box.x; x <= box.z; ++x) {
         const hit h = intersect(&d, (reals)x, (reals)y);
-        const fragment f = filter(&d, &p, &e, &h, view->near, view->far, inverse_radius2);
+        const fragment f = fragment_of(&d, &p, &e, &h, view->near, view->far, inverse_radius2);
         const real z = depth[(long)y * view->width + x];
         if (f.exists && f.z <= farthest_accepted(view, (reals)x, (reals)y, z, epsilon, along_ray)) ++total;
       }

@@ -10,15 +10,15 @@
 #include "arithmetic/vectors.h"
 
 #define NUMBERS_PER_ITEM 512
-#define RESULT_BITS(name, value) store(results + (long)ROW_##name * count + i, value)
-#define RESULT(name, value) store(results + (long)ROW_##name * count + i, AS_BITS((reals)(value)))
+#define RESULT_BITS(name, value) store_lanes(results + (long)ROW_##name * count + i, value)
+#define RESULT(name, value) store_lanes(results + (long)ROW_##name * count + i, AS_BITS((reals)(value)))
 
 #if LANES == 1
-static inline reals load(global const real *place) { return *place; }
-static inline void store(global bits *place, masks value) { *place = value; }
+static inline reals load_lanes(global const real *place) { return *place; }
+static inline void store_lanes(global bits *place, masks value) { *place = value; }
 #else
-static inline reals load(global const real *place) { return PASTE(vload, LANES)(0, place); }
-static inline void store(global bits *place, masks value) { PASTE(vstore, LANES)(value, 0, place); }
+static inline reals load_lanes(global const real *place) { return PASTE(vload, LANES)(0, place); }
+static inline void store_lanes(global bits *place, masks value) { PASTE(vstore, LANES)(value, 0, place); }
 #endif
 
 #if !FMA
@@ -77,8 +77,8 @@ kernel void doctor(global const real *numbers, global bits *results, const int c
 {
   const int begin = get_global_id(0) * NUMBERS_PER_ITEM;
   for (int i = begin; i < begin + NUMBERS_PER_ITEM; i += LANES) {
-    const reals a = load(numbers + i), b = load(numbers + count + i);
-    const reals c = load(numbers + 2 * (long)count + i), d = load(numbers + 3 * (long)count + i);
+    const reals a = load_lanes(numbers + i), b = load_lanes(numbers + count + i);
+    const reals c = load_lanes(numbers + 2 * (long)count + i), d = load_lanes(numbers + 3 * (long)count + i);
 #if FMA
     RESULT(fma, fma(a, b, -(a * b)));
 #else

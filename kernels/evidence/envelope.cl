@@ -21,7 +21,7 @@ INLINE outcome decided(reals inside, reals error) { return (outcome){~MASK(insid
 INLINE outcome both(outcome a, outcome b) { return (outcome){a.sure & b.sure, a.possible & b.possible}; }
 
 // All of that, and the splat's own margin; a pair where decisions may fall either way is in the widened bounds.
-INLINE outcome together(const frame *f, global const NearbySplat *s, const block *b, real own, outcome a)
+INLINE outcome together(const envelope_settings *f, global const NearbySplat *s, const block *b, real own, outcome a)
 {
   a.sure &= (masks)(own > f->tolerance ? -1 : 0);
   a.possible &= (masks)(own > -f->tolerance ? -1 : 0);
@@ -33,15 +33,15 @@ INLINE outcome together(const frame *f, global const NearbySplat *s, const block
 typedef struct {
   outcome hit;
   reals low, high, r, r_error;
-} disc;
+} disc_outcome;
 
-INLINE disc disc_at(const frame *f, global const NearbySplat *s, const block *b)
+INLINE disc_outcome disc_at(const envelope_settings *f, global const NearbySplat *s, const block *b)
 {
-  const meeting m = meet(f->view, s, b);
+  const intersection m = intersection_at(f->view, s, b);
   const scales e = scales_of(f->view, s, b, &m, f->offset_error);
   const reals error = f->unit * e.z, inverse = magnitude(m.inverse);
-  const outcome met = both(decided(m.inside, f->unit * e.inside), decided(m.range, error));
-  disc d = {together(f, s, b, s->usable, met),
+  const outcome met = both(decided(m.inside, f->unit * e.inside), decided(m.weight_range, error));
+  disc_outcome d = {together(f, s, b, s->usable, met),
             m.z - error, m.z + error, m.size * inverse, f->unit * (e.inside * inverse)};
   return d;
 }
@@ -50,21 +50,21 @@ INLINE disc disc_at(const frame *f, global const NearbySplat *s, const block *b)
 typedef struct {
   outcome inside;
   reals r, r_error;
-} filter;
+} filter_outcome;
 
-INLINE filter filter_at(const frame *f, global const NearbySplat *s, const block *b)
+INLINE filter_outcome filter_at(const envelope_settings *f, global const NearbySplat *s, const block *b)
 {
 #if PREFILTER
   const screen p = screen_at(f->view, s, b, f->offset_error);
-  filter g = {together(f, s, b, s->filter_margin, decided(p.inside, f->unit * p.scale)), p.r2, f->unit * p.scale_r2};
+  filter_outcome g = {together(f, s, b, s->filter_margin, decided(p.inside, f->unit * p.scale)), p.r2, f->unit * p.scale_r2};
 #else
-  filter g = {{(masks)0, (masks)0}, (reals)R(0.0), (reals)R(0.0)};
+  filter_outcome g = {{(masks)0, (masks)0}, (reals)R(0.0), (reals)R(0.0)};
 #endif
   return g;
 }
 
 // List the splats that touch the block, in splat order.
-INLINE int list_splats(const tile *t, int num_records, const block *b)
+INLINE int list_splats(const scratch *t, int num_records, const block *b)
 {
   int n = 0;
   for (int i = 0; i < num_records; ++i) {
@@ -80,13 +80,13 @@ typedef struct {
   reals least, second, greatest;
 } depths;
 
-INLINE depths bound_depth(const frame *f, const tile *t, int n, const block *b)
+INLINE depths bound_depth(const envelope_settings *f, const scratch *t, int n, const block *b)
 {
   depths d = {INFINITE, INFINITE, INFINITE};
   for (int i = 0; i < n; ++i) {
     global const NearbySplat *s = t->records + t->list[i];
     if (!ANY(MASK((reals)s->near_z <= d.greatest))) continue;  // what cannot be front-most sets none of the three
-    const disc a = disc_at(f, s, b);
+    const disc_outcome a = disc_at(f, s, b);
     const reals low = SELECT(INFINITE, a.low, a.hit.possible);
     d.second = least_of(d.second, most_of(d.least, low));
     d.least = least_of(d.least, low);
@@ -98,15 +98,15 @@ INLINE depths bound_depth(const frame *f, const tile *t, int n, const block *b)
 // Least and greatest weight of a fragment, if it exists.
 typedef struct {
   reals low, high;
-} range;
+} weight_range;
 
 #if KERNEL == TABLE_NEAREST || KERNEL == TABLE_LINEAR
 // A table need not fall: the weights of all samples between the radii count as well.
-INLINE range weights_between(const frame *f, reals r_low, reals r_high)
+INLINE weight_range weights_between(const envelope_settings *f, reals r_low, reals r_high)
 {
   const reals a = weight_of(r_low * r_low, f->falloff, f->table, f->table_size);
   const reals b = weight_of(r_high * r_high, f->falloff, f->table, f->table_size);
-  range w = {least_of(a, b), most_of(a, b)};
+  weight_range w = {least_of(a, b), most_of(a, b)};
   const real rounding = KERNEL == TABLE_NEAREST ? R(0.5) : R(0.0);
   for (int lane = 0; lane < LANES; ++lane) {
     const real low = LANE_OF(r_low, lane) * (real)(f->table_size - 1) - rounding;
@@ -120,29 +120,29 @@ INLINE range weights_between(const frame *f, reals r_low, reals r_high)
   return w;
 }
 #else
-INLINE range weights_between(const frame *f, reals r_low, reals r_high)
+INLINE weight_range weights_between(const envelope_settings *f, reals r_low, reals r_high)
 {
-  return (range){weight_of(r_high * r_high, f->falloff, f->table, f->table_size),
+  return (weight_range){weight_of(r_high * r_high, f->falloff, f->table, f->table_size),
                  weight_of(r_low * r_low, f->falloff, f->table, f->table_size)};
 }
 #endif
 
 INLINE reals within_rim(reals r) { return at_most(at_least(r, R(0.0)), R(1.0)); }
 
-INLINE range weights_of(const frame *f, const disc *d, const filter *g)
+INLINE weight_range weights_of(const envelope_settings *f, const disc_outcome *d, const filter_outcome *g)
 {
   const reals rim = (reals)R(1.0);
   const reals low = least_of(SELECT(rim, d->r - d->r_error, d->hit.possible),
                              SELECT(rim, g->r - g->r_error, g->inside.possible));
   const reals high = least_of(SELECT(rim, d->r + d->r_error, d->hit.sure),
                               SELECT(rim, g->r + g->r_error, g->inside.sure));
-  const range w = weights_between(f, within_rim(low), within_rim(high));
+  const weight_range w = weights_between(f, within_rim(low), within_rim(high));
   const real rounding = f->unit * (R(1.0) - f->falloff);  // falloff = -cutoff^2 / 2
-  return (range){w.low * (R(1.0) - rounding), w.high * (R(1.0) + rounding)};
+  return (weight_range){w.low * (R(1.0) - rounding), w.high * (R(1.0) + rounding)};
 }
 
 // The extremes of the values of fragment i: a normal may be turned where its splat's facing is not sure.
-INLINE void keep_extremes(const frame *f, const tile *t, int record, int i)
+INLINE void keep_extremes(const envelope_settings *f, const scratch *t, int record, int i)
 {
   global const real *value = t->values + (long)VALUES * record;
   global real *extreme = t->extremes + 2 * MEANS * i;
@@ -155,17 +155,17 @@ INLINE void keep_extremes(const frame *f, const tile *t, int record, int i)
 }
 
 // Keep the fragments that there may be, with their weights, which are 0 at pixels where there is none.
-INLINE contributions contribute(const frame *f, const tile *t, int n, const block *b, const depths *d)
+INLINE weight_sums collect_fragments(const envelope_settings *f, const scratch *t, int n, const block *b, const depths *d)
 {
-  contributions c = {R(0.0), R(0.0), R(0.0), INFINITE, 0};
+  weight_sums c = {R(0.0), R(0.0), R(0.0), INFINITE, 0};
   const reals epsilon = epsilon_at(b, f->epsilon, f->along_ray), slack = R(2.0) * f->unit * epsilon;
   const reals sure_limit = d->least + epsilon - slack, possible_limit = d->greatest + epsilon + slack;
   for (int i = 0; i < n; ++i) {
     const int record = t->list[i];
     global const NearbySplat *s = t->records + record;
     if (!ANY(MASK((reals)s->near_z <= possible_limit))) continue;
-    const disc a = disc_at(f, s, b);
-    const filter g = filter_at(f, s, b);
+    const disc_outcome a = disc_at(f, s, b);
+    const filter_outcome g = filter_at(f, s, b);
     const masks by_center = ~a.hit.sure & g.inside.possible;
     const reals z = (reals)s->center_z, z_error = (reals)(f->unit * magnitude_of(s->center_z));
     const reals hit_low = SELECT(INFINITE, a.low, a.hit.possible);
@@ -176,7 +176,7 @@ INLINE contributions contribute(const frame *f, const tile *t, int n, const bloc
     const masks front = a.hit.sure & MASK(hit_low == d->least) & MASK(a.high < d->second);
     const masks sure = ((a.hit.sure | g.inside.sure) & MASK(high <= sure_limit)) | front;
     const masks may_be_front = a.hit.possible & MASK(hit_low <= d->greatest);
-    range w = weights_of(f, &a, &g);
+    weight_range w = weights_of(f, &a, &g);
     c.front_weight = least_of(c.front_weight, SELECT(INFINITE, w.low, may_be_front));
     possible &= MASK(w.high > R(0.0));
     w.low = SELECT((reals)R(0.0), w.low, sure);
@@ -193,7 +193,7 @@ INLINE contributions contribute(const frame *f, const tile *t, int n, const bloc
 }
 
 // Bounds of the means; where the pixel may be uncovered they hold 0.
-INLINE void bound_means(const tile *t, const contributions *c, const depths *d, reals *low, reals *high)
+INLINE void bound_means(const scratch *t, const weight_sums *c, const depths *d, reals *low, reals *high)
 {
   for (int k = 0; k < MEANS; ++k) bound_mean(t, c, k, low + k, high + k);
   normalize_box(low + NORMAL, high + NORMAL);
@@ -232,7 +232,7 @@ INLINE floats rounded_down(reals x)
 }
 
 // One image's bounds at a block, `channels` to a pixel; each of a block's lanes in the image.
-INLINE void store(constant View *view, const block *b, global float *least, global float *most, int channels,
+INLINE void store_bounds(constant View *view, const block *b, global float *least, global float *most, int channels,
                   int channel, reals low, reals high)
 {
   const floats down = rounded_down(low), up = -rounded_down(-high);
@@ -254,23 +254,23 @@ kernel void envelope(constant View *view, global const NearbySplat *records, glo
                      global float *albedo_low, global float *albedo_high, global float *normal_low,
                      global float *normal_high)
 {
-  const region w = region_of(get_global_id(0), tile_begin, first_tile, first_entry, tiles_x);
-  const frame f = {view, table, tolerance, tolerance * UNIT, offset_error, epsilon, falloff, along_ray, table_size};
-  const tile t = {records + w.begin, bounds + first_entry + w.begin, values + (long)VALUES * w.begin,
+  const pair_region w = pair_region_of(get_global_id(0), tile_begin, first_tile, first_entry, tiles_x);
+  const envelope_settings f = {view, table, tolerance, tolerance * UNIT, offset_error, epsilon, falloff, along_ray, table_size};
+  const scratch t = {records + w.begin, bounds + first_entry + w.begin, values + (long)VALUES * w.begin,
                   list + w.begin, weights + 2 * (long)w.begin, extremes + 2 * MEANS * (long)w.begin};
   for (int k = 0; k < BLOCKS; ++k) {
     const block b = block_at(view, w.x + k % BLOCKS_X * BLOCK_X, w.y + k / BLOCKS_X * BLOCK_Y);
     const int n = list_splats(&t, w.end - w.begin, &b);
     const depths d = bound_depth(&f, &t, n, &b);
-    const contributions c = contribute(&f, &t, n, &b, &d);
+    const weight_sums c = collect_fragments(&f, &t, n, &b, &d);
     const reals rounding = R(2.0) * UNIT * c.count;
     reals low[MEANS], high[MEANS];
     bound_means(&t, &c, &d, low, high);
-    store(view, &b, z_low, z_high, 1, 0, d.least, d.greatest);
-    store(view, &b, weight_low, weight_high, 1, 0, c.low * (R(1.0) - rounding), c.high * (R(1.0) + rounding));
+    store_bounds(view, &b, z_low, z_high, 1, 0, d.least, d.greatest);
+    store_bounds(view, &b, weight_low, weight_high, 1, 0, c.low * (R(1.0) - rounding), c.high * (R(1.0) + rounding));
     for (int j = 0; j < 3; ++j) {
-      store(view, &b, albedo_low, albedo_high, 3, j, low[j], high[j]);
-      store(view, &b, normal_low, normal_high, 3, j, low[NORMAL + j], high[NORMAL + j]);
+      store_bounds(view, &b, albedo_low, albedo_high, 3, j, low[j], high[j]);
+      store_bounds(view, &b, normal_low, normal_high, 3, j, low[NORMAL + j], high[NORMAL + j]);
     }
   }
 }

@@ -16,9 +16,9 @@ typedef struct {
   reals depth[BLOCKS], depth_scale[BLOCKS];  // of the front-most splat
   masks front[BLOCKS];                       // its record
   reals units[BLOCKS], raw[BLOCKS];          // the least margin so far, and that decision's distance itself
-} pixels;
+} pixel_margins;
 
-INLINE void keep(pixels *p, int k, reals units, reals distance, masks decided)
+INLINE void keep(pixel_margins *p, int k, reals units, reals distance, masks decided)
 {
   const masks less = decided & MASK(units < p->units[k]), tie = decided & MASK(units == p->units[k]);
   p->raw[k] = SELECT(SELECT(p->raw[k], least_of(p->raw[k], distance), tie), distance, less);
@@ -26,16 +26,16 @@ INLINE void keep(pixels *p, int k, reals units, reals distance, masks decided)
 }
 
 // How near a decision must be, in the unit of distance / scale, to be the nearest.
-INLINE reals nearest_of(const pixels *p, int k) { return p->units[k] * (UNIT * ROUNDED_UP); }
+INLINE reals nearest_of(const pixel_margins *p, int k) { return p->units[k] * (UNIT * ROUNDED_UP); }
 
-INLINE void consider(pixels *p, int k, reals distance, reals scale, masks decided)
+INLINE void consider(pixel_margins *p, int k, reals distance, reals scale, masks decided)
 {
   const masks close = decided & MASK(distance <= nearest_of(p, k) * scale);
   if (ANY(close)) keep(p, k, divide(distance, UNIT * scale), distance, close);
 }
 
 // Hitting the disc: conditions that must hold together, so the least of their signed margins counts.
-INLINE void consider_hit(pixels *p, int k, global const NearbySplat *s, const meeting *m, const scales *e)
+INLINE void consider_hit(pixel_margins *p, int k, global const NearbySplat *s, const intersection *m, const scales *e)
 {
   if (s->usable < -MAX_MARGIN) return;
   const reals nearest = nearest_of(p, k), own = (reals)s->usable;
@@ -51,7 +51,7 @@ INLINE void consider_hit(pixels *p, int k, global const NearbySplat *s, const me
 }
 
 // The pre-filter's, likewise, where the disc is not hit.
-INLINE void consider_screen(pixels *p, int k, global const NearbySplat *s, const screen *f, masks missed)
+INLINE void consider_screen(pixel_margins *p, int k, global const NearbySplat *s, const screen *f, masks missed)
 {
   const reals inside = nearest_of(p, k) * f->scale, own = (reals)s->filter_margin;
   const masks possible = missed & ~MASK(f->inside < -inside);
@@ -61,11 +61,11 @@ INLINE void consider_screen(pixels *p, int k, global const NearbySplat *s, const
   keep(p, k, magnitude(units), magnitude(R(1.0) - f->r2), possible & close & in_bounds(s, &p->at[k]));
 }
 
-INLINE void find_front(constant View *view, global const NearbySplat *s, int i, int k, pixels *p,
+INLINE void find_front(constant View *view, global const NearbySplat *s, int i, int k, pixel_margins *p,
                               real offset_error)
 {
   if (!ANY(MASK((reals)s->near_z <= p->depth[k]))) return;
-  const meeting m = meet(view, s, &p->at[k]);
+  const intersection m = intersection_at(view, s, &p->at[k]);
   const masks closer = is_hit(s, &p->at[k], &m) & MASK(m.z < p->depth[k]);
   if (!ANY(closer)) return;
   const scales e = scales_of(view, s, &p->at[k], &m, offset_error);
@@ -74,11 +74,11 @@ INLINE void find_front(constant View *view, global const NearbySplat *s, int i, 
   p->front[k] = (p->front[k] & ~closer) | ((masks)i & closer);
 }
 
-INLINE void decide(constant View *view, global const NearbySplat *s, int i, int k, pixels *p, real offset_error,
+INLINE void decide(constant View *view, global const NearbySplat *s, int i, int k, pixel_margins *p, real offset_error,
                           real epsilon, int along_ray)
 {
   const block *b = &p->at[k];
-  const meeting m = meet(view, s, b);
+  const intersection m = intersection_at(view, s, b);
   const scales e = scales_of(view, s, b, &m, offset_error);
   const masks hit = is_hit(s, b, &m), behind = ~(hit & MASK(p->front[k] == (masks)i));
   masks exists = hit;
@@ -102,7 +102,7 @@ typedef struct {
   int x_first, x_last, y_first, y_last;
 } block_range;
 
-INLINE block_range blocks_of(global const NearbySplat *s, const region *w)
+INLINE block_range blocks_of(global const NearbySplat *s, const pair_region *w)
 {
   block_range r = {max((int)s->x_first - w->x, 0) / BLOCK_X, min((int)s->x_last - w->x, REGION - 1) / BLOCK_X,
                    max((int)s->y_first - w->y, 0) / BLOCK_Y, min((int)s->y_last - w->y, REGION - 1) / BLOCK_Y};
@@ -113,8 +113,8 @@ kernel void margin(constant View *view, global const NearbySplat *records, globa
                    const int first_tile, const int first_entry, const int tiles_x, const real offset_error,
                    const real epsilon, const int along_ray, global float *units, global float *raw)
 {
-  const region w = region_of(get_global_id(0), tile_begin, first_tile, first_entry, tiles_x);
-  pixels p;
+  const pair_region w = pair_region_of(get_global_id(0), tile_begin, first_tile, first_entry, tiles_x);
+  pixel_margins p;
   for (int k = 0; k < BLOCKS; ++k) {
     p.at[k] = block_at(view, w.x + k % BLOCKS_X * BLOCK_X, w.y + k / BLOCKS_X * BLOCK_Y);
     p.depth[k] = (reals)INFINITY;

@@ -9,7 +9,6 @@
 #define MEANS 6  // of colour and normal
 #define NORMAL 3
 #define MAX_STEPS 64  // after which a bound of a mean falls back to that of its values
-#define INFINITE ((reals)(real)INFINITY)
 
 // What the whole frame shares.
 typedef struct {
@@ -18,7 +17,7 @@ typedef struct {
   real tolerance, unit;  // in units of each decision's own rounding error; times 2^-24
   real offset_error, epsilon, falloff;
   int along_ray, table_size;
-} frame;
+} envelope_settings;
 
 // A work-item's own: records, and in its part of the scratch buffers the list of those at the block and, of each
 // fragment that there may be, the least and greatest weight and value.
@@ -29,18 +28,18 @@ typedef struct {
   global int *list;
   global reals *weights;
   global real *extremes;
-} tile;
+} scratch;
 
 // Sums over a block's fragments.
 typedef struct {
   reals low, high, count;  // of the sure weights, of the possible ones, and of how many these are
   reals front_weight;      // least weight of those that may be front-most
   int num;                 // fragments
-} contributions;
+} weight_sums;
 
 // The least and greatest of sum(w v) / sum(w) over all weights within their bounds. Dinkelbach's iteration: at a mean m,
 // the greatest comes nearer with the greatest weights where v > m and the least elsewhere.
-INLINE void bound_mean(const tile *t, const contributions *c, int k, reals *low, reals *high)
+INLINE void bound_mean(const scratch *t, const weight_sums *c, int k, reals *low, reals *high)
 {
   reals least = INFINITE, most = -INFINITE, last_least, last_most, largest = (reals)R(0.0);
   masks moves = 0;
@@ -71,8 +70,6 @@ INLINE void bound_mean(const tile *t, const contributions *c, int k, reals *low,
   *low = SELECT(least, (reals)R(0.0), none);
   *high = SELECT(most, (reals)R(0.0), none);
 }
-
-INLINE reals square(reals x) { return x * x; }
 
 // One coordinate's bounds of v / |v| for v in a box: `far` and `near` are the squares of the others' sizes.
 INLINE reals normalized(reals v, reals far, reals near, masks inward)

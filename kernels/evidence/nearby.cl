@@ -11,23 +11,17 @@
 
 typedef double4 real4;
 
-#define EDGE_ON R(1.52587890625e-5)  // |cos| up to which a disc is not intersected
-#define CLEAR R(1e-4)                // a disc whose least z is below this share of its centre's has infinite bounds
+#define EDGE_ON_COSINE R(1.52587890625e-5)  // |cos| up to which a disc is not intersected
+#define CLEAR_SHARE R(1e-4)                // a disc whose least z is below this share of its centre's has infinite bounds
 #define CENTER_ERROR R(2.0)          // of a projected centre, 2^-24 pixels
-#define SLACK_PIXELS R(0.02)         // added around the bounds, so that a near miss is a pair as well
-#define NOWHERE ((reals)(real)INFINITY)
+#define WIDENED_PIXELS R(0.02)         // added around the bounds, so that a near miss is a pair as well
 
-#define KEEP 0
-#define FLIP 1
-#define CULL 2
 
 #define WORLD_REALS 12
-#define WORLD(lane, field) world[(long)WORLD_REALS * place[lane] + field]
-#define LOAD3(first) ((reals3){(reals)EACH_LANE(WORLD, first), (reals)EACH_LANE(WORLD, first + 1), \
-                               (reals)EACH_LANE(WORLD, first + 2)})
+#define WORLD_REAL(lane, field) world[(long)WORLD_REALS * place[lane] + field]
+#define LOAD3(first) ((reals3){(reals)EACH_LANE(WORLD_REAL, first), (reals)EACH_LANE(WORLD_REAL, first + 1), \
+                               (reals)EACH_LANE(WORLD_REAL, first + 2)})
 #define ALL(condition) ((masks)((condition) ? -1 : 0))
-
-static inline reals square(reals x) { return x * x; }
 
 // LANES splats in eye space.
 typedef struct {
@@ -53,12 +47,12 @@ static inline splats splats_at(constant View *view, global const real *world, co
   const reals unit = UNIT * divide(R(4.0) * square_root(u2) * square_root(v2), area);
   s.cosine = magnitude(cosine);
   s.kappa = divide(divide(most_of(u2, v2), area), s.cosine);
-  s.edge_margin = divide(s.cosine - EDGE_ON, unit);
+  s.edge_margin = divide(s.cosine - EDGE_ON_COSINE, unit);
   const masks away = MASK(cosine >= R(0.0));
   s.culled = away & ALL(view->facing == CULL);
   s.facing_margin = divide(s.cosine, unit);
   s.facing_margin = SELECT(s.facing_margin, -s.facing_margin, s.culled);
-  s.facing_margin = SELECT(s.facing_margin, NOWHERE, ALL(view->facing == KEEP));
+  s.facing_margin = SELECT(s.facing_margin, INFINITE, ALL(view->facing == KEEP));
   const reals turn = SELECT((reals)R(1.0), (reals)R(-1.0), away & ALL(view->facing == FLIP));
   s.normal = scale3(s.normal, turn);
   return s;
@@ -74,13 +68,13 @@ static inline masks out_of_range(constant View *view, const splats *s)
 // Raster bounds, counted from the centre of pixel 0.
 typedef struct {
   reals low, high;
-} extent;
+} raster_bounds;
 
 // Of the whole discs along one axis; infinite where one is not clear of the eye plane. The plane x = s z touches the
 // disc where |t_x - s t_z|^2 = (c_x - s c_z)^2, a quadratic in s.
-static inline extent disc_extent(const splats *s, reals c, reals u, reals v, real focal, real principal)
+static inline raster_bounds disc_extent(const splats *s, reals c, reals u, reals v, real focal, real principal)
 {
-  extent e;
+  raster_bounds e;
 #if ORTHOGRAPHIC
   const reals half_width = square_root(u * u + v * v);
   e.low = c - half_width;
@@ -90,21 +84,21 @@ static inline extent disc_extent(const splats *s, reals c, reals u, reals v, rea
   const reals p = (uz * uz + vz * vz) - z * z, q = (u * uz + v * vz) - c * z;
   const reals root2 = (square(z * u - c * uz) + square(z * v - c * vz)) - square(u * vz - v * uz);
   const reals root = square_root(at_least(root2, R(0.0)));
-  const masks clear = MASK(z - s->reach > CLEAR * z);
-  e.low = SELECT(-NOWHERE, divide(q + root, p), clear);
-  e.high = SELECT(NOWHERE, divide(q - root, p), clear);
+  const masks clear = MASK(z - s->reach > CLEAR_SHARE * z);
+  e.low = SELECT(-INFINITE, divide(q + root, p), clear);
+  e.high = SELECT(INFINITE, divide(q - root, p), clear);
 #endif
   e.low = e.low * focal + principal;
   e.high = e.high * focal + principal;
   return e;
 }
 
-static inline extent disc_x(constant View *view, const splats *s)
+static inline raster_bounds disc_x(constant View *view, const splats *s)
 {
   return disc_extent(s, s->center.x, s->tu.x, s->tv.x, view->fx_hi, view->cx_hi);
 }
 
-static inline extent disc_y(constant View *view, const splats *s)
+static inline raster_bounds disc_y(constant View *view, const splats *s)
 {
   return disc_extent(s, s->center.y, s->tu.y, s->tv.y, view->fy_hi, view->cy_hi);
 }
@@ -113,15 +107,15 @@ static inline extent disc_y(constant View *view, const splats *s)
 // margin of there being a pre-filter at all: that the centre's z is in [near, far].
 typedef struct {
   reals x, y, error, margin;
-} prefilters;
+} filter_centers;
 
 static inline reals center_x(const splats *s) { return ORTHOGRAPHIC ? s->center.x : divide(s->center.x, s->center.z); }
 static inline reals center_y(const splats *s) { return ORTHOGRAPHIC ? s->center.y : divide(s->center.y, s->center.z); }
 
-static inline prefilters prefilter_of(constant View *view, const splats *s, extent ex, extent ey)
+static inline filter_centers filter_center_of(constant View *view, const splats *s, raster_bounds ex, raster_bounds ey)
 {
   const reals z = s->center.z, depth_error = UNIT * (magnitude(z) + TINY);
-  prefilters p = {center_x(s) * view->fx_hi + view->cx_hi, center_y(s) * view->fy_hi + view->cy_hi, CENTER_ERROR,
+  filter_centers p = {center_x(s) * view->fx_hi + view->cx_hi, center_y(s) * view->fy_hi + view->cy_hi, CENTER_ERROR,
                   divide(least_of(z - view->near, view->far - z), depth_error)};
   if (view->prefilter_at_bounds) {
     const reals x = (ex.low + ex.high) * R(0.5), y = (ey.low + ey.high) * R(0.5);
@@ -132,22 +126,22 @@ static inline prefilters prefilter_of(constant View *view, const splats *s, exte
     p.y = y;
   }
   const masks none = MASK(p.x != p.x) | MASK(p.y != p.y) | ALL(!view->prefilter);
-  p.margin = SELECT(p.margin, -NOWHERE, none);
+  p.margin = SELECT(p.margin, -INFINITE, none);
   return p;
 }
 
 // The discs' and pre-filters' bounds together, widened so that whatever may decide within MAX_MARGIN is inside.
-static inline extent widened(extent disc, reals filter, reals radius, reals slack, masks filtered)
+static inline raster_bounds widened(raster_bounds disc, reals filter, reals radius, reals slack, masks filtered)
 {
-  extent e = {SELECT(disc.low, least_of(disc.low, filter - radius), filtered) - slack,
+  raster_bounds e = {SELECT(disc.low, least_of(disc.low, filter - radius), filtered) - slack,
               SELECT(disc.high, most_of(disc.high, filter + radius), filtered) + slack};
   return e;
 }
 
 // The pixels of an extent in an image `size` pixels large: the next whole number and the last one.
-static inline extent in_image(extent e, real size)
+static inline raster_bounds in_image(raster_bounds e, real size)
 {
-  extent c = {round_up(at_most(at_least(e.low, R(0.0)), size)),
+  raster_bounds c = {round_up(at_most(at_least(e.low, R(0.0)), size)),
               round_down(at_least(at_most(e.high, size - R(1.0)), R(-1.0)))};
   return c;
 }
@@ -164,19 +158,19 @@ kernel void nearby_count(constant View *view, global const real *world, const in
     int place[LANES];
     for (int lane = 0; lane < LANES; ++lane) place[lane] = least(i + lane, end - 1);
     const splats s = splats_at(view, world, place);
-    extent x = disc_x(view, &s), y = disc_y(view, &s);
-    const prefilters p = prefilter_of(view, &s, x, y);
+    raster_bounds x = disc_x(view, &s), y = disc_y(view, &s);
+    const filter_centers p = filter_center_of(view, &s, x, y);
     const masks nothing = out_of_range(view, &s);
     const reals size = SELECT(most_of(x.high - x.low, y.high - y.low), (reals)R(0.0), nothing);
     const reals shares = at_most((MAX_MARGIN * UNIT) * (R(8.0) + R(4.0) * s.kappa), R(100.0));
-    const reals slack = SLACK_PIXELS + size * shares;
-    x = (extent){SELECT(x.low, NOWHERE, nothing), SELECT(x.high, -NOWHERE, nothing)};
-    y = (extent){SELECT(y.low, NOWHERE, nothing), SELECT(y.high, -NOWHERE, nothing)};
+    const reals slack = WIDENED_PIXELS + size * shares;
+    x = (raster_bounds){SELECT(x.low, INFINITE, nothing), SELECT(x.high, -INFINITE, nothing)};
+    y = (raster_bounds){SELECT(y.low, INFINITE, nothing), SELECT(y.high, -INFINITE, nothing)};
     const masks filtered = MASK(p.margin > -MAX_MARGIN);
     const masks hopeless = s.culled & MASK(s.facing_margin < -MAX_MARGIN);
     x = widened(x, p.x, view->prefilter_radius, slack, filtered);
     y = widened(y, p.y, view->prefilter_radius, slack, filtered);
-    x.low = SELECT(x.low, NOWHERE, hopeless);
+    x.low = SELECT(x.low, INFINITE, hopeless);
     x = in_image(x, (real)view->width);
     y = in_image(y, (real)view->height);
     for (int lane = 0; lane < LANES && i + lane < end; ++lane) {
@@ -247,7 +241,7 @@ static inline reals nearest_z(const splats *s)
 {
   const reals z = s->center.z;
   const reals near_z = z - R(2.0) * s->reach - z * (R(1e-3) * (R(1.0) + s->kappa));
-  return SELECT(-NOWHERE, near_z, MASK(near_z > z * R(0.5)) & ALL(!ORTHOGRAPHIC));
+  return SELECT(-INFINITE, near_z, MASK(near_z > z * R(0.5)) & ALL(!ORTHOGRAPHIC));
 }
 
 #define L(value) LANE_OF(value, lane)
@@ -261,15 +255,15 @@ kernel void nearby_records(constant View *view, global const real *world, global
     int place[LANES];
     for (int lane = 0; lane < LANES; ++lane) place[lane] = first + least(i + lane, end - 1);
     const splats s = splats_at(view, world, place);
-    extent x = {(reals)R(0.0), (reals)R(0.0)}, y = x;
+    raster_bounds x = {(reals)R(0.0), (reals)R(0.0)}, y = x;
     if (view->prefilter_at_bounds) {
       x = disc_x(view, &s);
       y = disc_y(view, &s);
     }
-    const prefilters p = prefilter_of(view, &s, x, y);
+    const filter_centers p = filter_center_of(view, &s, x, y);
     const forms f = forms_of(&s);
     const reals cx = center_x(&s), cy = center_y(&s), steep = R(1.0) + s.kappa;
-    const reals usable = SELECT(least_of(s.edge_margin, s.facing_margin), -NOWHERE, out_of_range(view, &s));
+    const reals usable = SELECT(least_of(s.edge_margin, s.facing_margin), -INFINITE, out_of_range(view, &s));
     const reals near_z = nearest_z(&s);
     const reals filter_margin = least_of(s.facing_margin, p.margin);
     for (int lane = 0; lane < LANES && i + lane < end; ++lane) {

@@ -12,28 +12,20 @@
 #define BLOCKS_X (REGION / BLOCK_X)
 #define BLOCKS_Y (REGION / BLOCK_Y)
 #define BLOCKS (BLOCKS_X * BLOCKS_Y)
-#define REGIONS_X (TILE / REGION)  // of one tile
-#define REGIONS (REGIONS_X * REGIONS_X)
-
-// PoCL calls functions that are only inline: a call stores every vector that is in use. (Oclgrind, of OpenCL 1.2, cannot
-// run the intrinsics that always_inline leaves.)
-#if __OPENCL_VERSION__ >= 200
-#define INLINE static inline __attribute__((always_inline))
-#else
-#define INLINE static inline
-#endif
+#define PAIR_REGIONS_X (TILE / REGION)  // of one tile
+#define PAIR_REGIONS (PAIR_REGIONS_X * PAIR_REGIONS_X)
 
 // The region of a work-item: its records are those from `begin` to before `end`, its first pixel is x, y.
 typedef struct {
   int begin, end, x, y;
-} region;
+} pair_region;
 
 // tile_begin counts from the band's first tile, records from the entry `first_entry`.
-INLINE region region_of(int item, global const int *tile_begin, int first_tile, int first_entry, int tiles_x)
+INLINE pair_region pair_region_of(int item, global const int *tile_begin, int first_tile, int first_entry, int tiles_x)
 {
-  const int run = item / REGIONS, part = item % REGIONS, tile = first_tile + run;
-  region w = {tile_begin[run] - first_entry, tile_begin[run + 1] - first_entry,
-              tile % tiles_x * TILE + part % REGIONS_X * REGION, tile / tiles_x * TILE + part / REGIONS_X * REGION};
+  const int run = item / PAIR_REGIONS, part = item % PAIR_REGIONS, tile = first_tile + run;
+  pair_region w = {tile_begin[run] - first_entry, tile_begin[run + 1] - first_entry,
+              tile % tiles_x * TILE + part % PAIR_REGIONS_X * REGION, tile / tiles_x * TILE + part / PAIR_REGIONS_X * REGION};
   return w;
 }
 
@@ -69,11 +61,11 @@ typedef struct {
   reals size, den, inverse;  // r3 = size / |den|, inverse = 1 / den
   reals inside;              // den - size
   reals z, range;            // z of the plane; how far inside [near, far]
-} meeting;
+} intersection;
 
-INLINE meeting meet(constant View *view, global const NearbySplat *s, const block *b)
+INLINE intersection intersection_at(constant View *view, global const NearbySplat *s, const block *b)
 {
-  meeting m;
+  intersection m;
   const reals u = (b->s_x * s->u_x + b->s_y * s->u_y) + s->u_1;
   const reals v = (b->s_x * s->v_x + b->s_y * s->v_y) + s->v_1;
   const reals g = (b->s_x * s->g_x + b->s_y * s->g_y) + s->g_1;
@@ -86,7 +78,7 @@ INLINE meeting meet(constant View *view, global const NearbySplat *s, const bloc
   return m;
 }
 
-INLINE masks is_hit(global const NearbySplat *s, const block *b, const meeting *m)
+INLINE masks is_hit(global const NearbySplat *s, const block *b, const intersection *m)
 {
   const masks usable = (masks)(s->usable >= R(0.0) ? -1 : 0);
   return usable & ~MASK(m->inside < R(0.0)) & ~MASK(m->range < R(0.0));
@@ -97,7 +89,7 @@ typedef struct {
   reals inside, z;
 } scales;
 
-INLINE scales scales_of(constant View *view, global const NearbySplat *s, const block *b, const meeting *m,
+INLINE scales scales_of(constant View *view, global const NearbySplat *s, const block *b, const intersection *m,
                                real offset_error)
 {
   const reals e_x = magnitude(b->s_x - s->center_x) + divide_real(offset_error, view->fx_hi);

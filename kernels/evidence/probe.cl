@@ -7,15 +7,13 @@
 #include "splat/fragment.h"
 #include "passes/contribution.h"
 
-#define NO_SPLAT 0xffffffffu
-
 // Bits of ProbedSplat.state (splatcl/probe.py).
-#define HIT 1        // the disc is hit
-#define OUT 2        // the disc is hit, but not within near..far
-#define EXISTS 4     // there is a fragment, of the disc or of the pre-filter
-#define ACCEPTED 8   // and it is accumulated
-#define EDGE_ON 16
-#define CUT 32         // a clip line cuts it off
+#define STATE_HIT 1        // the disc is hit
+#define STATE_OUT 2        // the disc is hit, but not within near..far
+#define STATE_EXISTS 4     // there is a fragment, of the disc or of the pre-filter
+#define STATE_ACCEPTED 8   // and it is accumulated
+#define STATE_EDGE_ON 16
+#define STATE_CUT 32         // a clip line cuts it off
 #define FILTERED R(1e8)  // where there is no pre-filter its centre is farther off than this (project.cl, NOWHERE)
 
 // One record's disc, pre-filter and the rest at a pixel.
@@ -99,10 +97,10 @@ kernel void probe_rows(constant View *view, global const ProjectedSplat *records
                        global const SplatAttributes *attributes, global const int *ids, const int num_records,
                        const int x, const int y, const real near, const real far, global const real *depth,
                        const real epsilon, const int along_ray, const real falloff, const real inverse_radius2,
-                       constant real *table, const int table_size, global ProbedSplat *rows LIGHTS)
+                       constant real *table, const int table_size, global ProbedSplat *rows FRAGMENT_LIGHT_PARAMETERS)
 {
   const real farthest = farthest_accepted(view, (reals)x, (reals)y, depth[0], epsilon, along_ray);
-  const rules r = {near, far, falloff, inverse_radius2, table, table_size, 0, 0 THE_LIGHTS};
+  const fragment_settings r = {near, far, falloff, inverse_radius2, table, table_size, 0, 0 FRAGMENT_LIGHT_ARGUMENTS};
   real8 t = (real8)R(0.0);
   uint count = 0;
   for (int i = 0; i < num_records; ++i) {
@@ -110,8 +108,8 @@ kernel void probe_rows(constant View *view, global const ProjectedSplat *records
     const real inverse_den = divide(R(1.0), p.hit.den);
     const real disc_z = hit_depth(&p.disc, &p.hit, inverse_den);
     const int in_range = disc_z >= near && disc_z <= far, kept = kept_by_lines(&p.extra, &p.hit) != 0;
-    const weighted f =
-        weigh(&p.disc, &p.prefilter, &p.extra, (reals)x, (reals)y, (masks)-1, (reals)(real)INFINITY, &r);
+    const contribution f =
+        contribution_at(&p.disc, &p.prefilter, &p.extra, (reals)x, (reals)y, (masks)-1, (reals)(real)INFINITY, &r);
     const int exists = f.accepted != 0, accepted = exists && f.z <= farthest;
     real8 values;
     load_attributes(&values, attributes + i);
@@ -125,7 +123,7 @@ kernel void probe_rows(constant View *view, global const ProjectedSplat *records
         filtered ? square_root(filter_radius2(&p, inverse_radius2)) : (real)INFINITY,
         exists ? f.z : disc_z, f.weight, sums.SUM_WEIGHT, sums.s0, sums.s1, sums.s2, sums.s3, sums.s4, sums.s5,
         ids[i], count,
-        (p.hit.inside && in_range && kept ? HIT : 0) | (p.hit.inside && !in_range ? OUT : 0) | (exists ? EXISTS : 0) |
-            (accepted ? ACCEPTED : 0) | (p.record.u_1 == R(2.0) ? EDGE_ON : 0) | (kept ? 0 : CUT)};
+        (p.hit.inside && in_range && kept ? STATE_HIT : 0) | (p.hit.inside && !in_range ? STATE_OUT : 0) | (exists ? STATE_EXISTS : 0) |
+            (accepted ? STATE_ACCEPTED : 0) | (p.record.u_1 == R(2.0) ? STATE_EDGE_ON : 0) | (kept ? 0 : STATE_CUT)};
   }
 }

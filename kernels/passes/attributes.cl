@@ -17,15 +17,15 @@ typedef struct {
   real8 sums[REGION_PIXELS];
   uint count[REGION_PIXELS];
   real farthest[REACHED_PIXELS];
-} target;
+} region_sums;
 
-static inline void put(target *t, int p, const real8 *attributes, const weighted *f, int lane)
+static inline void add_to_pixel(region_sums *t, int p, const real8 *attributes, const contribution *f, int lane)
 {
   add_lane(&t->sums[p], attributes, f, lane);
   t->count[p] -= WHOLE_OF(f->accepted, lane);
 }
 
-#define FARTHEST(lane, p) t->farthest[p + offset[lane]]
+#define FARTHEST_AT(lane, p) t->farthest[p + offset[lane]]
 
 // What there is of each entry of the tile lists.
 typedef struct {
@@ -49,29 +49,29 @@ static inline void load_values(real8 *values, const entries *in, int entry)
 }
 
 // LANES splats in small boxes, pixel by pixel of each; then splat by splat, in order, into the sums.
-static inline void small_boxes(target *t, const entries *in, const int *place, int num, const discs *s,
-                               const prefilters *p, const extras *e, const boxes *b, const rules *r)
+static inline void add_small_boxes(region_sums *t, const entries *in, const int *place, int num, const discs *s,
+                               const prefilters *p, const extras *e, const boxes *b, const fragment_settings *r)
 {
-  weighted found[SMALL * SMALL];
+  contribution found[SMALL * SMALL];
   const counted_boxes c = count_boxes(b);
   int offset[LANES];
   for (int lane = 0; lane < LANES; ++lane) offset[lane] = WHOLE_OF(c.first, lane);
   for (int y = 0; y < SMALL && ANY(MASK(c.down > (bits)y)); ++y)
     for (int x = 0; x < SMALL && ANY(MASK(c.across > (bits)x)); ++x)
-      found[y * SMALL + x] = weigh(s, p, e, b->x_first + (real)x, b->y_first + (real)y,
+      found[y * SMALL + x] = contribution_at(s, p, e, b->x_first + (real)x, b->y_first + (real)y,
                                    MASK(c.across > (bits)x) & MASK(c.down > (bits)y),
-                                   (reals)EACH_LANE(FARTHEST, y * REGION + x), r);
+                                   (reals)EACH_LANE(FARTHEST_AT, y * REGION + x), r);
   for (int lane = 0; lane < num; ++lane) {
     real8 values;
     load_values(&values, in, place[lane]);
     const int across = WHOLE_OF(c.across, lane), down = WHOLE_OF(c.down, lane);
     for (int y = 0; y < down; ++y)
-      for (int x = 0; x < across; ++x) put(t, offset[lane] + y * REGION + x, &values, &found[y * SMALL + x], lane);
+      for (int x = 0; x < across; ++x) add_to_pixel(t, offset[lane] + y * REGION + x, &values, &found[y * SMALL + x], lane);
   }
 }
 
 // One splat in a box of any size, LANES pixels at a time.
-static inline void large_box(target *t, const entries *in, int entry, int first, int across, int down, const rules *r)
+static inline void add_large_box(region_sums *t, const entries *in, int entry, int first, int across, int down, const fragment_settings *r)
 {
   const ProjectedSplat whole = in->records[entry];
   const discs s = disc_of(&whole);
@@ -87,25 +87,25 @@ static inline void large_box(target *t, const entries *in, int entry, int first,
     for (int x = 0; x < across; x += BLOCK_X) {
       const int q = first + y * REGION + x;
       const reals dx = (real)x + LANE_X, dy = (real)y + LANE_Y;
-      const weighted f = weigh(&s, &p, &e, (real)(first % REGION) + dx, (real)(first / REGION) + dy,
-                               MASK(dx < (real)across) & MASK(dy < (real)down), (reals)EACH_LANE(FARTHEST, q), r);
+      const contribution f = contribution_at(&s, &p, &e, (real)(first % REGION) + dx, (real)(first / REGION) + dy,
+                               MASK(dx < (real)across) & MASK(dy < (real)down), (reals)EACH_LANE(FARTHEST_AT, q), r);
       if (!ANY(f.accepted)) continue;
       const int columns = least(BLOCK_X, across - x), rows = least(BLOCK_Y, down - y);
       for (int row = 0; row < rows; ++row)
         for (int column = 0; column < columns; ++column)
-          put(t, q + row * REGION + column, &values, &f, row * BLOCK_X + column);
+          add_to_pixel(t, q + row * REGION + column, &values, &f, row * BLOCK_X + column);
     }
 }
 
-#define LOW(lane, boxes) boxes[place[lane]].x
-#define HIGH(lane, boxes) boxes[place[lane]].y
+#define BOX_LOW(lane, boxes) boxes[place[lane]].x
+#define BOX_HIGH(lane, boxes) boxes[place[lane]].y
 #define CENTER_Z(lane, records) records[place[lane]].center_z
 #define PREFILTER_X(lane, attributes) attributes[place[lane]].prefilter_x
 #define PREFILTER_Y(lane, attributes) attributes[place[lane]].prefilter_y
 
-static inline void batch(target *t, const entries *in, const int *place, int num, const region *w, const rules *r)
+static inline void add_batch(region_sums *t, const entries *in, const int *place, int num, const region *w, const fragment_settings *r)
 {
-  const boxes b = boxes_of((masks)EACH_LANE(LOW, in->boxes), (masks)EACH_LANE(HIGH, in->boxes), num, w);
+  const boxes b = boxes_of((masks)EACH_LANE(BOX_LOW, in->boxes), (masks)EACH_LANE(BOX_HIGH, in->boxes), num, w);
   if (all_small(&b)) {
     masks low, high;
     const discs s = load_discs(in->records, place, &low, &high);
@@ -113,16 +113,16 @@ static inline void batch(target *t, const entries *in, const int *place, int num
                           (reals)EACH_LANE(CENTER_Z, in->records)};
     extras e;
     load_extras(&e, in->extra, in->attributes, place);
-    small_boxes(t, in, place, num, &s, &p, &e, &b, r);
+    add_small_boxes(t, in, place, num, &s, &p, &e, &b, r);
     return;
   }
   const counted_boxes c = count_boxes(&b);
   for (int lane = 0; lane < num; ++lane)
-    large_box(t, in, place[lane], WHOLE_OF(c.first, lane), WHOLE_OF(c.across, lane), WHOLE_OF(c.down, lane), r);
+    add_large_box(t, in, place[lane], WHOLE_OF(c.first, lane), WHOLE_OF(c.across, lane), WHOLE_OF(c.down, lane), r);
 }
 
 // Nothing yet, and the farthest that is accepted at each pixel of the image; return the farthest of all.
-static inline real begin_target(target *t, constant View *view, const region *w, global const real *depth, real epsilon,
+static inline real begin_sums(region_sums *t, constant View *view, const region *w, global const real *depth, real epsilon,
                                 int along_ray)
 {
   real farthest = -(real)INFINITY;
@@ -154,7 +154,7 @@ typedef struct {
   global uint *count;
 } sum_images;
 
-static inline void write_sums(const sum_images *to, const target *t, constant View *view, const region *w)
+static inline void write_sums(const sum_images *to, const region_sums *t, constant View *view, const region *w)
 {
   for (int y = 0; y < least(REGION, view->height - w->y); ++y)
     for (int x = 0; x < least(REGION, view->width - w->x); ++x) {
@@ -202,7 +202,7 @@ kernel void attributes(constant View *view, global const ProjectedSplat *records
                        const real epsilon, const int along_ray, const real falloff, const real inverse_radius2,
                        constant real *table, const int table_size, global const real *depth, global real *weight_sum,
                        global real *color_sum, global real *normal_sum, global real *depth_sum,
-                       global uint *count LIGHTS)
+                       global uint *count FRAGMENT_LIGHT_PARAMETERS)
 {
   const region w = region_of(get_global_id(0), first_tile, tiles_x);
   const int begin = tile_begin[w.run], end = tile_begin[w.run + 1];
@@ -211,12 +211,12 @@ kernel void attributes(constant View *view, global const ProjectedSplat *records
     write_nothing(&to, view, &w);
     return;
   }
-  const rules r = {view->near, view->far, falloff, inverse_radius2, table, table_size,
-                   w.x + view->first_column, w.y + view->first_row THE_LIGHTS};
+  const fragment_settings r = {view->near, view->far, falloff, inverse_radius2, table, table_size,
+                   w.x + view->first_column, w.y + view->first_row FRAGMENT_LIGHT_ARGUMENTS};
   const entries in = {records, extra, splat_attributes, boxes, channels, ids + first_entry};
-  target t;
-  const real farthest = begin_target(&t, view, &w, depth, epsilon, along_ray);
-#define TAKE(place, num) batch(&t, &in, place, num, &w, &r)
-  STREAM(near_z, begin, end, farthest, TAKE)
+  region_sums t;
+  const real farthest = begin_sums(&t, view, &w, depth, epsilon, along_ray);
+#define ADD_BATCH(place, num) add_batch(&t, &in, place, num, &w, &r)
+  STREAM(near_z, begin, end, farthest, ADD_BATCH)
   write_sums(&to, &t, view, &w);
 }

@@ -9,6 +9,7 @@
 #include "arithmetic/vectors.h"
 #include "arithmetic/lanes.h"
 #include "splat/eye.h"
+#include "splat/extra.h"
 #include "passes/occlusion.h"
 
 #define FACING_SLACK R(1.52587890625e-5)  // of |t_u||t_v||c|: ten times what can be wrong with the sign of g.c
@@ -16,8 +17,6 @@
 #define TILT_SLACK R(0.032)               // of the larger side: half of project.cl's SLACK_TILT for the steepest disc
 #define NEAR_SLACK R(1.1e-5)              // of the distance from the principal point: as project.cl has it, cut at near
 #define PIXEL_SLACK R(0.03125)
-#define CULL 2
-#define AFFINE 1  // of ELLIPSE (extra.h)
 
 // A disc whose depth is sure: not steeper, with tangents not more parallel (squares of the cosine and the sine), and not
 // deeper, as a share of its centre's z. DEPTH_SLACK, of its extent, and DISTANCE_SLACK, of |c|, are far more than its
@@ -41,7 +40,7 @@ static inline reals length1(reals3 v) { return magnitude(v.x) + magnitude(v.y) +
 // Along one axis, pixels that LANES splats may touch, ends included; none where first > last.
 typedef struct {
   reals first, last;
-} range;
+} pixel_range;
 
 // What is known of the centres in eye space, and how far wrong it may be.
 typedef struct {
@@ -49,14 +48,14 @@ typedef struct {
   reals error, z_low, z_high;
   masks filtered;  // the pre-filter may show it
   real around;     // radius of the pre-filter, pixels
-} places;
+} centers;
 
 static inline real at_least_of(real a, real b) { return a > b ? a : b; }
 
 // Where a disc within `reach` of `center` lies, from the principal point.
-static inline range disc_pixels(const places *s, reals center, reals reach, real focal)
+static inline pixel_range disc_pixels(const centers *s, reals center, reals reach, real focal)
 {
-  range r = {(center - reach - s->error) * focal, (center + reach + s->error) * focal};
+  pixel_range r = {(center - reach - s->error) * focal, (center + reach + s->error) * focal};
 #if !ORTHOGRAPHIC
   r.first = divide(r.first, SELECT(s->z_low, s->z_high, MASK(r.first > R(0.0))));
   r.last = divide(r.last, SELECT(s->z_high, s->z_low, MASK(r.last > R(0.0))));
@@ -66,7 +65,7 @@ static inline range disc_pixels(const places *s, reals center, reals reach, real
 
 // Pixels of a disc, with `slack` for its tilt, and of its pre-filter; or of an affine map's ellipse, which may reach `spread` in
 // the plane of the centre.
-static inline range pixels(const places *s, range disc, reals slack, reals center, reals spread, real focal, real principal)
+static inline pixel_range touched_pixels(const centers *s, pixel_range disc, reals slack, reals center, reals spread, real focal, real principal)
 {
   reals middle = center * focal, off = s->error * focal;
 #if ELLIPSE == AFFINE
@@ -81,15 +80,15 @@ static inline range pixels(const places *s, range disc, reals slack, reals cente
                          (magnitude((reals)principal) * CENTER_SLACK + PIXEL_SLACK);
   off = off + (s->around + rounding);
   const reals low = disc.first - (slack + rounding), high = disc.last + (slack + rounding);
-  range r = {SELECT(low, at_most(low, middle - off), s->filtered) + principal,
+  pixel_range r = {SELECT(low, at_most(low, middle - off), s->filtered) + principal,
              SELECT(high, at_least(high, middle + off), s->filtered) + principal};
   return r;
 }
 
 // The whole pixels of a range, of an image `size` pixels large.
-static inline range whole(range r, real size)
+static inline pixel_range whole(pixel_range r, real size)
 {
-  range p = {round_up(at_most(at_least(r.first, R(-1.0)), size)), round_down(at_least(at_most(r.last, size), R(-1.0)))};
+  pixel_range p = {round_up(at_most(at_least(r.first, R(-1.0)), size)), round_down(at_least(at_most(r.last, size), R(-1.0)))};
   p.first = at_least(p.first, R(0.0));
   p.last = at_most(p.last, size - R(1.0));
   return p;
@@ -106,7 +105,7 @@ static inline masks surely_away(reals3 tu, reals3 tv, reals3 c, reals error)
 
 // The window's pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
 typedef struct {
-  range x, y;
+  pixel_range x, y;
   reals near_z;
 } touched;
 
@@ -134,7 +133,7 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   *alive &= MASK(c.z + deep >= near) & MASK(c.z - deep <= view->far + magnitude_of(view->far) * R(1e-4));
   if (!ANY(*alive)) return t;
   const masks in_front = MASK(c.z + error >= near);
-  places s = {c, error, c.z - deep, c.z + deep, in_front, view->prefilter_radius};
+  centers s = {c, error, c.z - deep, c.z + deep, in_front, view->prefilter_radius};
   if (!(view->prefilter | ELLIPSE)) s.filtered = 0;
   reals wide = square_root(tu.x * tu.x + tv.x * tv.x), high = square_root(tu.y * tu.y + tv.y * tv.y);
 #if !ORTHOGRAPHIC
@@ -142,7 +141,7 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   const reals shallowest = SELECT(near, at_most(c.z * R(5e-5), near), in_front);
   s.z_low = SELECT(shallowest, s.z_low, MASK(s.z_low > shallowest));
 #endif
-  range x = disc_pixels(&s, c.x, wide, view->fx_hi), y = disc_pixels(&s, c.y, high, view->fy_hi);
+  pixel_range x = disc_pixels(&s, c.x, wide, view->fx_hi), y = disc_pixels(&s, c.y, high, view->fy_hi);
   const reals slack = at_least(x.last - x.first, y.last - y.first) * TILT_SLACK;
   reals spread_x = R(0.0), spread_y = R(0.0);
 #if ELLIPSE == AFFINE && ORTHOGRAPHIC
@@ -153,20 +152,20 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   spread_x = wide + magnitude(c.x) * lean;
   spread_y = high + magnitude(c.y) * lean;
 #endif
-  x = pixels(&s, x, slack, c.x, spread_x, view->fx_hi, view->cx_hi - (real)view->first_column);
-  y = pixels(&s, y, slack, c.y, spread_y, view->fy_hi, view->cy_hi - (real)view->first_row);
+  x = touched_pixels(&s, x, slack, c.x, spread_x, view->fx_hi, view->cx_hi - (real)view->first_column);
+  y = touched_pixels(&s, y, slack, c.y, spread_y, view->fy_hi, view->cy_hi - (real)view->first_row);
   const int around_bounds = view->prefilter_at_bounds | (view->low_pass_reach > R(0.0));
   if (around_bounds) {  // its centre may be anywhere in them
     const reals around = (reals)(at_least_of(view->prefilter_radius, view->low_pass_reach) + PIXEL_SLACK);
-    x = (range){x.first - around, x.last + around};
-    y = (range){y.first - around, y.last + around};
+    x = (pixel_range){x.first - around, x.last + around};
+    y = (pixel_range){y.first - around, y.last + around};
   }
 #if !ORTHOGRAPHIC
   // Near the eye plane, or so large that the exact bounds overflow.
   const reals extent = (wide + high + deep) * length1(c) * R(4.0);
   const masks anywhere = (in_front & MASK(c.z < error * R(4.0))) | ~MASK(extent * extent < (real)INFINITY);
-  x = (range){SELECT(x.first, R(0.0), anywhere), SELECT(x.last, (real)view->width, anywhere)};
-  y = (range){SELECT(y.first, R(0.0), anywhere), SELECT(y.last, (real)view->height, anywhere)};
+  x = (pixel_range){SELECT(x.first, R(0.0), anywhere), SELECT(x.last, (real)view->width, anywhere)};
+  y = (pixel_range){SELECT(y.first, R(0.0), anywhere), SELECT(y.last, (real)view->height, anywhere)};
 #endif
   t.x = whole(x, (real)view->width);
   t.y = whole(y, (real)view->height);
@@ -254,7 +253,7 @@ kernel void bin_offsets(global int *tile_counts, global const int *tile_nearest,
 }
 
 // The quarters of a tile's side that lie in [first, last], two bits each.
-static inline int clue_of(int tile, int first, int last)
+static inline int key_of(int tile, int first, int last)
 {
   return (first >> 2 == tile ? first & 3 : 0) | (last >> 2 == tile ? last & 3 : 3) << 2;
 }
@@ -262,7 +261,7 @@ static inline int clue_of(int tile, int first, int last)
 // Write the lists of the tiles [first_tile, last_tile).
 kernel void bin_scatter(global const TouchedQuarters *lists, global const int *num_listed, const int spread,
                         const int chunk_size, global int *tile_offsets, global const int *tile_begin, global int *ids,
-                        global const int *layer_ends, global int *clues, const int tiles_x, const int num_tiles,
+                        global const int *layer_ends, global int *occlusion_keys, const int tiles_x, const int num_tiles,
                         const int first_tile, const int last_tile)
 {
   const int chunk = get_global_id(0) * spread % get_global_size(0);
@@ -277,7 +276,7 @@ kernel void bin_scatter(global const TouchedQuarters *lists, global const int *n
       ids[place] = l.id;
 #if LAYERED
       const int near_z = l.near_z > layer_ends[tile] ? l.near_z : 0;
-      clues[place] = near_z | clue_of(x, X_OF(l.first), X_OF(l.last)) | clue_of(y, Y_OF(l.first), Y_OF(l.last)) << 4;
+      occlusion_keys[place] = near_z | key_of(x, X_OF(l.first), X_OF(l.last)) | key_of(y, Y_OF(l.first), Y_OF(l.last)) << 4;
 #endif
     }
   }

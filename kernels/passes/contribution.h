@@ -14,11 +14,11 @@
 #include "shading/forward.h"
 
 #if SHADING == PER_FRAGMENT
-#define LIGHTS FORWARD_LIGHTS
-#define THE_LIGHTS , view, shading, lights
+#define FRAGMENT_LIGHT_PARAMETERS FORWARD_PARAMETERS
+#define FRAGMENT_LIGHT_ARGUMENTS , view, shading, lights
 #else
-#define LIGHTS
-#define THE_LIGHTS
+#define FRAGMENT_LIGHT_PARAMETERS
+#define FRAGMENT_LIGHT_ARGUMENTS
 #endif
 
 // What is the same for every fragment.
@@ -31,7 +31,7 @@ typedef struct {
   constant Shading *shading;
   constant PhongLight *lights;
 #endif
-} rules;
+} fragment_settings;
 
 // What LANES pixels or splats add: all zero where a fragment does not exist or is not accepted.
 typedef struct {
@@ -40,11 +40,11 @@ typedef struct {
 #if VARYING
   reals3 color, normal;
 #endif
-} weighted;
+} contribution;
 
 #if VARYING
 // What the fragments themselves add: their own normals, and colours that are lit already ([BSK04]).
-static inline void vary(weighted *t, const extras *e, const hit *h, const fragment *f, reals x, reals y, const rules *r)
+static inline void vary(contribution *t, const extras *e, const hit *h, const fragment *f, reals x, reals y, const fragment_settings *r)
 {
   t->color = e->color;
   t->normal = e->normal;
@@ -56,20 +56,20 @@ static inline void vary(weighted *t, const extras *e, const hit *h, const fragme
   const reals column = x - (real)r->view->first_column, row = y - (real)r->view->first_row;  // in the window
   const reals3 d = {ray_x(r->view, column), ray_y(r->view, row), R(1.0)};
   const reals3 position = ray_point(d, t->z);
-  const Surface s = surface_point(position, d, t->normal, t->color, e, r->shading);
+  const surfaces s = surface_point(position, d, t->normal, t->color, e, r->shading);
   t->color = shade_surface(&s, r->shading, r->lights);
 #endif
 }
 #endif
 
 // At pixels x, y from (left, top), of those `asked` for.
-static inline weighted weigh(const discs *s, const prefilters *p, const extras *e, reals x, reals y, masks asked,
-                             reals farthest, const rules *r)
+static inline contribution contribution_at(const discs *s, const prefilters *p, const extras *e, reals x, reals y, masks asked,
+                             reals farthest, const fragment_settings *r)
 {
   const hit h = intersect(s, x + (real)r->left, y + (real)r->top);
-  const fragment f = filter(s, p, e, &h, r->near, r->far, r->inverse_radius2);
+  const fragment f = fragment_of(s, p, e, &h, r->near, r->far, r->inverse_radius2);
   const masks accepted = f.exists & asked & MASK(f.z <= farthest);
-  weighted t;
+  contribution t;
   t.weight = t.z = (reals)R(0.0);
   t.accepted = accepted;
 #if VARYING
@@ -90,7 +90,7 @@ static inline weighted weigh(const discs *s, const prefilters *p, const extras *
 }
 
 // What one lane of a fragment adds to a pixel's sums; adding zero leaves a sum's bits as they are.
-static inline void add_lane(real8 *sums, const real8 *attributes, const weighted *f, int lane)
+static inline void add_lane(real8 *sums, const real8 *attributes, const contribution *f, int lane)
 {
 #if VARYING
   real8 own = *attributes;

@@ -7,12 +7,12 @@
 typedef struct {
   real part[16];
   int farthest;
-} hiding;
+} occluders;
 
 // For the tile whose first pixel is (left, top), as `depth` is so far.
-static inline hiding hiding_of(global const real *depth, int left, int top, int width, int height, real epsilon)
+static inline occluders occluders_of(global const real *depth, int left, int top, int width, int height, real epsilon)
 {
-  hiding h;
+  occluders h;
   real whole = -(real)INFINITY;
   for (int row = 0; row < 4; ++row) {
     real column[TILE];
@@ -35,24 +35,24 @@ static inline hiding hiding_of(global const real *depth, int left, int top, int 
 }
 
 // Whether a splat may show: its fragments are no nearer than near_z, and are not accepted beyond what is farthest.
-static inline int may_show(int clue, const hiding *h)
+static inline int may_be_visible(int key, const occluders *h)
 {
-  const real near_z = (real)as_float(NEAR_BITS(clue));
+  const real near_z = (real)as_float(NEAR_BITS(key));
   int shows = 0;
-  for (int y = clue >> 4 & 3; y <= (clue >> 6 & 3); ++y)
-    for (int x = clue & 3; x <= (clue >> 2 & 3); ++x) shows |= near_z <= h->part[4 * y + x];
+  for (int y = key >> 4 & 3; y <= (key >> 6 & 3); ++y)
+    for (int x = key & 3; x <= (key >> 2 & 3); ++x) shows |= near_z <= h->part[4 * y + x];
   return shows;
 }
 
-kernel void occlusion(global int *clues, const int first, global const int *tile_begin, const int first_tile,
+kernel void occlusion(global int *occlusion_keys, const int first, global const int *tile_begin, const int first_tile,
                  const int tiles_x, const int width, const int height, const real epsilon, global const real *depth)
 {
   const int run = get_global_id(0), tile = first_tile + run;
   const int begin = first + tile_begin[run], end = first + tile_begin[run + 1];
   if (begin >= end) return;
-  const hiding h = hiding_of(depth, tile % tiles_x * TILE, tile / tiles_x * TILE, width, height, epsilon);
+  const occluders h = occluders_of(depth, tile % tiles_x * TILE, tile / tiles_x * TILE, width, height, epsilon);
   for (int i = begin; i < end; ++i) {
-    const int clue = clues[i];
-    if (NEAR_BITS(clue) && (NEAR_BITS(clue) > h.farthest || !may_show(clue, &h))) clues[i] = HIDDEN;
+    const int key = occlusion_keys[i];
+    if (NEAR_BITS(key) && (NEAR_BITS(key) > h.farthest || !may_be_visible(key, &h))) occlusion_keys[i] = OCCLUDED;
   }
 }

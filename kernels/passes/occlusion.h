@@ -4,7 +4,7 @@
 
 #define NEAR_BITS(word) ((word) & 0x7fffff00)
 #define BEYOND_ALL 0x7fffffff  // bits of no depth, and beyond those of all; a depth that is not known is 0
-#define HIDDEN 0x7fffffff      // the whole clue: nothing of the splat shows in the tile
+#define OCCLUDED 0x7fffffff      // the whole clue: nothing of the splat shows in the tile
 #define QUARTER_SHIFT (TILE == 8 ? 1 : TILE == 16 ? 2 : TILE == 32 ? 3 : 4)  // a quarter of a side, pixels
 
 // Layers of the tile lists. Needs clue.h.
@@ -16,7 +16,7 @@
 #define BEHIND 2
 
 // The entries in [begin, end) that this layer projects; return how many.
-static inline int entries_of_layer(global const int *clues, int begin, int end, int *entry)
+static inline int entries_of_layer(global const int *occlusion_keys, int begin, int end, int *entry)
 {
   int num = 0;
   for (int i = begin; i < end; ++i) {
@@ -24,9 +24,9 @@ static inline int entries_of_layer(global const int *clues, int begin, int end, 
 #if LAYER == EVERY
     ++num;
 #elif LAYER == FRONT
-    num += NEAR_BITS(clues[i]) == 0;
+    num += NEAR_BITS(occlusion_keys[i]) == 0;
 #else
-    num += (NEAR_BITS(clues[i]) != 0) & (clues[i] != HIDDEN);
+    num += (NEAR_BITS(occlusion_keys[i]) != 0) & (occlusion_keys[i] != OCCLUDED);
 #endif
   }
   return num;

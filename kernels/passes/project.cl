@@ -27,9 +27,6 @@
 #define TILTED R(0.03125)             // |cos(tilt)| below which a splat's coefficients need twice the precision
 #define DEEP R(0.25)                 // a disc that reaches deeper than this share of its centre's z
 
-#define KEEP 0
-#define FLIP 1
-#define CULL 2
 
 static inline reals3 oriented_normal(constant View *view, reals3 g, reals3 center, reals *facing_dot)
 {
@@ -230,15 +227,15 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
 #define ASK_FOR(splat)
 #endif
 
-#define LOW(lane, axis) center_low[3 * ids[entry[lane]] + axis]
+#define LOW_WORD(lane, axis) center_low[3 * ids[entry[lane]] + axis]
 
 // A record for each entry of the tile lists that LAYER names: EVERY one; those in FRONT; or those BEHIND that are not
 // hidden (hide.cl). Of the others near_z says that there are no pixels.
 kernel void project(constant View *view, global const Splat *splats, global const real *center_low,
-                    global const SplatExtra *extra_in, global const int *ids, global const int *clues, const int first,
+                    global const SplatExtra *extra_in, global const int *ids, global const int *occlusion_keys, const int first,
                     const int num_entries, global ProjectedSplat *records, global SplatAttributes *attributes,
                     global uint2 *boxes_drawn, global real *disc_near_z, global real *near_z,
-                    global ProjectedExtra *extra LIGHTS)
+                    global ProjectedExtra *extra SPLAT_LIGHT_PARAMETERS)
 {
   const outputs to = {records, attributes, boxes_drawn, disc_near_z, near_z};
   const int begin = get_global_id(0) * ENTRIES, end = least(begin + ENTRIES, num_entries);
@@ -250,7 +247,7 @@ kernel void project(constant View *view, global const Splat *splats, global cons
   for (int i = begin; i < end; ++i) near_z[i] = (real)NAN;
 #endif
   int chosen[ENTRIES];
-  const int num = entries_of_layer(clues + first, begin, end, chosen);
+  const int num = entries_of_layer(occlusion_keys + first, begin, end, chosen);
   for (int i = 0; i < least(AHEAD, num); ++i) ASK_FOR(splats + ids[chosen[i]]);
   for (int i = 0; i < num; i += LANES) {
     int entry[LANES];
@@ -264,17 +261,17 @@ kernel void project(constant View *view, global const Splat *splats, global cons
     const reals3 tv = {b.v[2], b.v[3], b.v[4]};
     reals3 color = {b.v[5], b.v[6], b.v[7]};
 #if CENTER_LOW
-    const reals3 world_low = {(reals)EACH_LANE(LOW, 0), (reals)EACH_LANE(LOW, 1), (reals)EACH_LANE(LOW, 2)};
+    const reals3 world_low = {(reals)EACH_LANE(LOW_WORD, 0), (reals)EACH_LANE(LOW_WORD, 1), (reals)EACH_LANE(LOW_WORD, 2)};
 #else
     const reals3 world_low = world;
 #endif
     projected s = project_splats(view, world, world_low, tu, tv);
 #if EXTRA
-    extend(view, &s, extra_in, ids, entry);
+    project_extras(view, &s, extra_in, ids, entry);
     store_extras(extra, entry, least(LANES, num - i), &s);
 #endif
 #if SHADING == PER_SPLAT
-    color = lit_color(&s, color, shading, lights);
+    color = gouraud_color(&s, color, shading, lights);
 #endif
     store_records(&to, entry, least(LANES, num - i), &s, color);
   }

@@ -18,7 +18,7 @@
   const Pixels at = {AS_GBUFFER, view, (int)get_global_id(0) * LANES, get_global_id(1)};    \
   const int num = least(LANES, view->width - at.x);                                         \
   const long first = (long)at.y * view->width + at.x;                                       \
-  Surface s = surface_at(&at)
+  surfaces s = surface_at(&at)
 
 // GLOSS: bit 0 and 1 say that the first or second of the three channels of `gloss` stands for the material's specular
 // coefficient or shininess.
@@ -31,13 +31,13 @@ kernel void shade(constant View *view, constant Shading *shading, constant Phong
   s.shininess = (reals)shading->shininess;
 #if GLOSS
   long p[LANES];
-  places(&at, 0, 0, p);
+  pixel_indices(&at, 0, 0, p);
 #endif
 #if GLOSS & 1
-  s.specular = (reals)EACH_LANE(X, gloss);
+  s.specular = (reals)EACH_LANE(X_AT, gloss);
 #endif
 #if GLOSS & 2
-  s.shininess = (reals)EACH_LANE(Y, gloss);
+  s.shininess = (reals)EACH_LANE(Y_AT, gloss);
 #endif
   const reals3 zero = {R(0.0), R(0.0), R(0.0)};
   const reals3 rgb = ANY(s.covered) ? select3(zero, SHADED, s.covered) : zero;

@@ -7,11 +7,9 @@
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
-#define Surface Surfaces
 #include "shading/surface.h"
 #include "shading/gbuffer.h"
 #include "shading/light.h"
-#undef Surface
 #include ATTRIBUTES
 
 typedef struct {
@@ -21,7 +19,7 @@ typedef struct {
   int x, y;                         // the pixel
   Attributes attribute;
   Pixels pixels;
-  Surfaces exact;
+  surfaces exact;
 } Surface;
 
 typedef struct {
@@ -39,10 +37,10 @@ typedef struct {
 static inline float3 as_float3_of(reals3 v) { return (float3)((float)v.x, (float)v.y, (float)v.z); }
 
 // A pixel farther off than FARTHEST, which a window of a supersampled image may lack, is the pixel itself.
-#define FARTHEST 8
+#define FARTHEST_NEIGHBOR 8
 static inline int is_near(int dx, int dy)
 {
-  return (dx >= -FARTHEST) & (dx <= FARTHEST) & (dy >= -FARTHEST) & (dy <= FARTHEST);
+  return (dx >= -FARTHEST_NEIGHBOR) & (dx <= FARTHEST_NEIGHBOR) & (dy >= -FARTHEST_NEIGHBOR) & (dy <= FARTHEST_NEIGHBOR);
 }
 
 // Eye z at a neighbouring pixel, +inf where nothing is; outside the image the pixel's own.

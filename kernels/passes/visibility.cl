@@ -10,17 +10,15 @@
 #include "splat/extra.h"
 #include "passes/tile.h"
 
-#define NO_SPLAT 0xffffffffu
-
 // The nearest so far at each pixel of a region.
 typedef struct {
   real depth[REACHED_PIXELS] __attribute__((aligned(sizeof(reals))));
   uint particleid[REGION_PIXELS];
   int left, top;  // the first pixel's place in the image, of which a window is drawn
-} front;
+} nearest_hits;
 
 // Of equal depths the lower splat index is in front, whichever comes first.
-static inline void put(front *f, int p, real z, uint id)
+static inline void keep_nearest(nearest_hits *f, int p, real z, uint id)
 {
   const real depth = f->depth[p];
   const uint particleid = f->particleid[p];
@@ -33,12 +31,12 @@ static inline void put(front *f, int p, real z, uint id)
 typedef struct {
   reals z;
   masks in_front;
-} meetings;
+} visible_hits;
 
 #define DEPTH(lane, depth) depth[offset[lane]]
 
 // `depth` so far, `offset` of each lane from there. `center_z` is of those footprints whose rays may miss the disc.
-static inline meetings meet(const discs *s, const extras *e, reals center_z, reals x, reals y, masks in_box, real near,
+static inline visible_hits visible_hits_at(const discs *s, const extras *e, reals center_z, reals x, reals y, masks in_box, real near,
                             real far, const real *depth, const int *offset)
 {
   const hit h = intersect(s, x, y);
@@ -47,7 +45,7 @@ static inline meetings meet(const discs *s, const extras *e, reals center_z, rea
 #else
   const masks covered = h.inside & kept_by_lines(e, &h);
 #endif
-  meetings m = {(reals)R(0.0), covered & in_box};
+  visible_hits m = {(reals)R(0.0), covered & in_box};
   if (!ANY(m.in_front)) return m;
   m.z = hit_depth(s, &h, divide(R(1.0), h.den));
 #if ELLIPSE
@@ -67,7 +65,7 @@ static inline meetings meet(const discs *s, const extras *e, reals center_z, rea
 #endif
 
 // LANES splats in small boxes, pixel by pixel of each.
-static inline void small_boxes(front *f, global const int *ids, const int *place, const discs *s, const extras *e,
+static inline void see_small_boxes(nearest_hits *f, global const int *ids, const int *place, const discs *s, const extras *e,
                                reals center_z, const boxes *b, real near, real far)
 {
   const counted_boxes c = count_boxes(b);
@@ -78,16 +76,16 @@ static inline void small_boxes(front *f, global const int *ids, const int *place
     for (int x = 0; x < SMALL && ANY(MASK(c.across > (bits)x)); ++x) {
       const masks in_box = MASK(c.across > (bits)x) & MASK(c.down > (bits)y);
       const int q = y * REGION + x;
-      const meetings m =
-          meet(s, e, center_z, left + (real)x, top + (real)y, in_box, near, far, f->depth + q, offset);
+      const visible_hits m =
+          visible_hits_at(s, e, center_z, left + (real)x, top + (real)y, in_box, near, far, f->depth + q, offset);
       if (!ANY(m.in_front)) continue;
       for (int lane = 0; lane < LANES; ++lane)
-        if (WHOLE_OF(m.in_front, lane)) put(f, offset[lane] + q, LANE_OF(m.z, lane), ids[place[lane]]);
+        if (WHOLE_OF(m.in_front, lane)) keep_nearest(f, offset[lane] + q, LANE_OF(m.z, lane), ids[place[lane]]);
     }
 }
 
 // One splat in a box of any size, LANES pixels at a time.
-static inline void large_box(front *f, global const ProjectedSplat *records, global const ProjectedExtra *extra,
+static inline void see_large_box(nearest_hits *f, global const ProjectedSplat *records, global const ProjectedExtra *extra,
                              int entry, uint id, int first, int across, int down, real near, real far)
 {
   const ProjectedSplat whole = records[entry];
@@ -101,15 +99,15 @@ static inline void large_box(front *f, global const ProjectedSplat *records, glo
     for (int x = 0; x < across; x += BLOCK_X) {
       const masks in_box = MASK(LANE_X < (real)(across - x)) & MASK(LANE_Y < (real)(down - y));
       const int q = first + y * REGION + x;
-      const meetings m =
-          meet(&s, &e, whole.center_z, left + (real)x, top + (real)y, in_box, near, far, f->depth + q, offset);
+      const visible_hits m =
+          visible_hits_at(&s, &e, whole.center_z, left + (real)x, top + (real)y, in_box, near, far, f->depth + q, offset);
       if (!ANY(m.in_front)) continue;
       for (int lane = 0; lane < LANES; ++lane)
-        if (WHOLE_OF(m.in_front, lane)) put(f, q + offset[lane], LANE_OF(m.z, lane), id);
+        if (WHOLE_OF(m.in_front, lane)) keep_nearest(f, q + offset[lane], LANE_OF(m.z, lane), id);
     }
 }
 
-static inline void batch(front *f, global const ProjectedSplat *records, global const ProjectedExtra *extra,
+static inline void see_batch(nearest_hits *f, global const ProjectedSplat *records, global const ProjectedExtra *extra,
                          global const int *ids, const int *place, int num, const region *w, real near, real far)
 {
   masks low, high;
@@ -118,17 +116,17 @@ static inline void batch(front *f, global const ProjectedSplat *records, global 
   if (all_small(&b)) {
     extras e;
     load_footprints(&e, extra, place);
-    small_boxes(f, ids, place, &s, &e, CENTERS_Z, &b, near, far);
+    see_small_boxes(f, ids, place, &s, &e, CENTERS_Z, &b, near, far);
     return;
   }
   const counted_boxes c = count_boxes(&b);
   for (int lane = 0; lane < num; ++lane)
-    large_box(f, records, extra, place[lane], ids[place[lane]], WHOLE_OF(c.first, lane), WHOLE_OF(c.across, lane),
+    see_large_box(f, records, extra, place[lane], ids[place[lane]], WHOLE_OF(c.first, lane), WHOLE_OF(c.across, lane),
               WHOLE_OF(c.down, lane), near, far);
 }
 
 // The depth behind which nothing can be in front of anything: +inf until every pixel is covered.
-static inline real farthest_of(const front *f)
+static inline real farthest_of(const nearest_hits *f)
 {
   reals farthest = (reals)-(real)INFINITY;
   for (int p = 0; p < REGION_PIXELS; p += LANES) farthest = at_least(*(const reals *)(f->depth + p), farthest);
@@ -150,7 +148,7 @@ kernel void visibility(global const ProjectedSplat *records, global const Projec
   while (first < end && !(near_z[first] == near_z[first])) ++first;
   if (first >= end) return;  // nothing to add
 #endif
-  front f;
+  nearest_hits f;
   f.left = w.x + first_column;
   f.top = w.y + first_row;
   for (int p = 0; p < REACHED_PIXELS; ++p) f.depth[p] = -(real)INFINITY;  // beside the image nothing is waited for
@@ -164,8 +162,8 @@ kernel void visibility(global const ProjectedSplat *records, global const Projec
       f.depth[y * REGION + x] = (real)INFINITY;
 #endif
     }
-#define TAKE(place, num) batch(&f, records, extra, ids + first_entry, place, num, &w, near, far)
-  STREAM(near_z, begin, end, farthest_of(&f), TAKE)
+#define SEE_BATCH(place, num) see_batch(&f, records, extra, ids + first_entry, place, num, &w, near, far)
+  STREAM(near_z, begin, end, farthest_of(&f), SEE_BATCH)
   for (int p = 0; p < REGION_PIXELS; ++p) {
     const int x = w.x + p % REGION, y = w.y + p / REGION;
     if (x >= width || y >= height) continue;

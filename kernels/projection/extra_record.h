@@ -30,7 +30,7 @@ static inline void clip_form(const projected *s, reals a, reals b, reals c, real
   *one = SELECT((a * s->u_1 + b * s->v_1) + c, c, edge_on);
 }
 
-static inline void extend(constant View *view, projected *s, global const SplatExtra *in, global const int *ids,
+static inline void project_extras(constant View *view, projected *s, global const SplatExtra *in, global const int *ids,
                           const int *entry)
 {
 #if CLIP

@@ -6,16 +6,16 @@
 #include "shading/surface.h"
 #include SHADER
 
-#define FORWARD_LIGHTS , constant Shading *shading, constant PhongLight *lights
+#define FORWARD_PARAMETERS , constant Shading *shading, constant PhongLight *lights
 
 // What stands where a splat has no specular coefficient or shininess of its own, which is then NaN.
 static inline reals own_or(reals own, reals other) { return SELECT(other, own, MASK(own == own)); }
 
 // A point of a splat itself, on a ray d; `gloss` are its own specular coefficient and shininess.
-static inline Surface surface_point(reals3 position, reals3 d, reals3 normal, reals3 color, const extras *gloss,
+static inline surfaces surface_point(reals3 position, reals3 d, reals3 normal, reals3 color, const extras *gloss,
                                     constant Shading *shading)
 {
-  Surface s;
+  surfaces s;
   s.covered = (masks)-1;
   s.position = position;
   s.normal = normal;

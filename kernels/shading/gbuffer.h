@@ -38,15 +38,15 @@ typedef struct {
   int x, y;
 } Pixels;
 
-#define PLANE(lane, values) values[p[lane]]
-#define X(lane, values) values[3 * p[lane]]
-#define Y(lane, values) values[3 * p[lane] + 1]
-#define Z(lane, values) values[3 * p[lane] + 2]
-#define PLANES(values) ((reals)EACH_LANE(PLANE, values))
-#define TRIPLE(values) {(reals)EACH_LANE(X, values), (reals)EACH_LANE(Y, values), (reals)EACH_LANE(Z, values)}
+#define VALUE_AT(lane, values) values[p[lane]]
+#define X_AT(lane, values) values[3 * p[lane]]
+#define Y_AT(lane, values) values[3 * p[lane] + 1]
+#define Z_AT(lane, values) values[3 * p[lane] + 2]
+#define VALUES_AT(values) ((reals)EACH_LANE(VALUE_AT, values))
+#define TRIPLES_AT(values) {(reals)EACH_LANE(X_AT, values), (reals)EACH_LANE(Y_AT, values), (reals)EACH_LANE(Z_AT, values)}
 
 // Where the pixels dx, dy from those of `at` are; one outside the image is the pixel itself.
-static inline void places(const Pixels *at, int dx, int dy, long *p)
+static inline void pixel_indices(const Pixels *at, int dx, int dy, long *p)
 {
   const int width = at->view->width, row = at->y + dy;
   for (int lane = 0; lane < LANES; ++lane) {
@@ -56,28 +56,28 @@ static inline void places(const Pixels *at, int dx, int dy, long *p)
   }
 }
 
-static inline Surface surface_at(const Pixels *at)
+static inline surfaces surface_at(const Pixels *at)
 {
   const GBuffer g = at->from;
   long p[LANES];
-  places(at, 0, 0, p);
+  pixel_indices(at, 0, 0, p);
   reals columns;
   for (int lane = 0; lane < LANES; ++lane) ((real *)&columns)[lane] = (real)(at->x + lane);
 #if RESOLVED
   const reals3 zero = {R(0.0), R(0.0), R(0.0)};
   const reals3 ray = {ray_x(at->view, columns), ray_y(at->view, (reals)(real)at->y), R(1.0)};
-  const reals3 positions = TRIPLE(g.position), normals = TRIPLE(g.normal), albedos = TRIPLE(g.albedo);
-  Surface s;
-  s.covered = MASK(PLANES(g.weight) > R(0.0));
+  const reals3 positions = TRIPLES_AT(g.position), normals = TRIPLES_AT(g.normal), albedos = TRIPLES_AT(g.albedo);
+  surfaces s;
+  s.covered = MASK(VALUES_AT(g.weight) > R(0.0));
   s.position = select3(zero, positions, s.covered);
   s.normal = select3(zero, normals, s.covered);
   s.albedo = select3(zero, albedos, s.covered);
   s.to_eye = toward_eye(ray, s.covered);
   return s;
 #else
-  const reals3 colors = TRIPLE(g.color_sum), normals = TRIPLE(g.normal_sum);
-  return resolve_surface(at->view, columns, (reals)(real)at->y, PLANES(g.depth), PLANES(g.weight_sum), colors, normals,
-                         PLANES(g.depth_sum));
+  const reals3 colors = TRIPLES_AT(g.color_sum), normals = TRIPLES_AT(g.normal_sum);
+  return resolve_surface(at->view, columns, (reals)(real)at->y, VALUES_AT(g.depth), VALUES_AT(g.weight_sum), colors, normals,
+                         VALUES_AT(g.depth_sum));
 #endif
 }
 
@@ -106,11 +106,11 @@ static inline reals depths_at(const Pixels *at, int dx, int dy)
   }
 #endif
   long p[LANES];
-  places(at, dx, dy, p);
+  pixel_indices(at, dx, dy, p);
 #if RESOLVED
-  return depth_of((reals)EACH_LANE(Z, g.position), PLANES(g.weight), R(0.0));
+  return depth_of((reals)EACH_LANE(Z_AT, g.position), VALUES_AT(g.weight), R(0.0));
 #else
-  return depth_of(PLANES(g.depth), PLANES(g.weight_sum), PLANES(g.depth_sum));
+  return depth_of(VALUES_AT(g.depth), VALUES_AT(g.weight_sum), VALUES_AT(g.depth_sum));
 #endif
 }
 
@@ -120,12 +120,12 @@ static inline reals3 normals_at(const Pixels *at, int dx, int dy)
   const GBuffer g = at->from;
   const reals3 zero = {R(0.0), R(0.0), R(0.0)};
   long p[LANES];
-  places(at, dx, dy, p);
+  pixel_indices(at, dx, dy, p);
 #if RESOLVED
-  const reals3 normals = TRIPLE(g.normal);
-  return select3(zero, normals, MASK(PLANES(g.weight) > R(0.0)));
+  const reals3 normals = TRIPLES_AT(g.normal);
+  return select3(zero, normals, MASK(VALUES_AT(g.weight) > R(0.0)));
 #else
-  const reals3 sums = TRIPLE(g.normal_sum);
-  return select3(zero, normalize3(sums), MASK(PLANES(g.weight_sum) > R(0.0)));
+  const reals3 sums = TRIPLES_AT(g.normal_sum);
+  return select3(zero, normalize3(sums), MASK(VALUES_AT(g.weight_sum) > R(0.0)));
 #endif
 }

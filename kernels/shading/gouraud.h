@@ -7,15 +7,15 @@
 #include "shading/forward.h"
 
 #if SHADING == PER_SPLAT
-#define LIGHTS FORWARD_LIGHTS
+#define SPLAT_LIGHT_PARAMETERS FORWARD_PARAMETERS
 
 // The splats' colours, lit at their centres ([BK03]).
-static inline reals3 lit_color(const projected *s, reals3 color, constant Shading *shading, constant PhongLight *lights)
+static inline reals3 gouraud_color(const projected *s, reals3 color, constant Shading *shading, constant PhongLight *lights)
 {
   const reals3 normal = {s->normal_x, s->normal_y, s->normal_z};
-  const Surface p = surface_point(s->center, s->center, normal, color, &s->extra, shading);
+  const surfaces p = surface_point(s->center, s->center, normal, color, &s->extra, shading);
   return shade_surface(&p, shading, lights);
 }
 #else
-#define LIGHTS
+#define SPLAT_LIGHT_PARAMETERS
 #endif

@@ -8,14 +8,14 @@
 #include "shading/shadow.h"
 
 // Unit, toward the light.
-static inline reals3 toward_light(const Surface *s, constant PhongLight *light)
+static inline reals3 toward_light(const surfaces *s, constant PhongLight *light)
 {
   const reals3 place = {light->x, light->y, light->z};
   return normalize3(light->is_point > R(0.0) ? add3(place, scale3(s->position, R(-1.0))) : place);
 }
 
 // What arrives: the light's colour, times its cone, times what of it no splat holds back.
-static inline reals3 light_tint(const Surface *s, constant PhongLight *light, reals3 toward)
+static inline reals3 light_tint(const surfaces *s, constant PhongLight *light, reals3 toward)
 {
   reals3 tint = {light->red, light->green, light->blue};
   if (light->cone > R(0.0)) {
@@ -34,7 +34,7 @@ typedef struct {
   reals3 color;
 } Arriving;
 
-static inline Arriving arriving(const Surface *s, constant PhongLight *light)
+static inline Arriving arriving(const surfaces *s, constant PhongLight *light)
 {
   Arriving a;
   a.toward = toward_light(s, light);

@@ -17,7 +17,7 @@ typedef struct {
 #elif LIGHTMAP
   global const real *lightmap;  // lightmap.h
 #endif
-} Surface;
+} surfaces;
 
 // What a kernel that shades takes besides, last, and how its surface comes to it.
 #if SHADOWS
@@ -48,12 +48,12 @@ static inline reals3 toward_eye(reals3 d, masks covered)
   return to_eye;
 }
 
-static inline Surface resolve_surface(constant View *view, reals x, reals y, reals depth, reals weight_sum,
+static inline surfaces resolve_surface(constant View *view, reals x, reals y, reals depth, reals weight_sum,
                                       reals3 color_sum, reals3 normal_sum, reals depth_sum)
 {
   const reals3 zero = {R(0.0), R(0.0), R(0.0)};
   const reals3 d = {ray_x(view, x), ray_y(view, y), R(1.0)};
-  Surface s;
+  surfaces s;
   s.covered = MASK(weight_sum > R(0.0));
   s.mean_depth = SELECT((real)INFINITY, divide(depth_sum, weight_sum), s.covered);
   const reals z = SELECT(s.mean_depth, depth, MASK(depth < (real)INFINITY));  // else only the pre-filter landed

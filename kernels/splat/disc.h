@@ -3,6 +3,8 @@
 
 #include "arithmetic/reals.h"
 
+#define NO_SPLAT 0xffffffffu  // the particleid of a pixel that no disc covers
+
 // Pixels of LANES boxes, ends included; none where x_first > x_last or y_first > y_last.
 typedef struct {
   reals x_first, x_last, y_first, y_last;

@@ -6,6 +6,11 @@
 #include "arithmetic/vectors.h"
 #include "arithmetic/twofloat.h"
 
+// Of View.facing: what becomes of splats that face away.
+#define KEEP 0
+#define FLIP 1
+#define CULL 2
+
 typedef struct {
   twofloat x, y, z;
 } eye_point;

@@ -35,7 +35,7 @@ static inline reals screen_radius2(const prefilters *p, const hit *h, real inver
 }
 
 // r^2 = min(r3^2, r2^2), or as the footprint has it; where the ray misses the disc, the depth is the centre's.
-static inline fragment filter(const discs *s, const prefilters *p, const extras *e, const hit *h, real near, real far,
+static inline fragment fragment_of(const discs *s, const prefilters *p, const extras *e, const hit *h, real near, real far,
                               real inverse_radius2)
 {
   fragment f;

@@ -3,7 +3,7 @@
 #include "arithmetic/vectors.h"
 #include "shading/surface.h"
 
-static inline reals3 shade_surface(const Surface *s, constant Shading *shading, constant PhongLight *lights)
+static inline reals3 shade_surface(const surfaces *s, constant Shading *shading, constant PhongLight *lights)
 {
   return s->albedo;
 }

@@ -8,7 +8,7 @@
 
 #define TAKES_PIXELS
 
-static inline reals3 shade_pixels(const Surface *s, constant Shading *shading, constant PhongLight *lights,
+static inline reals3 shade_pixels(const surfaces *s, constant Shading *shading, constant PhongLight *lights,
                                   const Pixels *at, constant Npr *npr, constant real *tones)
 {
   const reals z = s->position.z;

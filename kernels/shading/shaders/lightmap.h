@@ -28,7 +28,7 @@ static inline reals3 looked_up(global const real *table, reals3 direction)
   return (reals3){mixed_four(table, &at, f, g), mixed_four(table + 1, &at, f, g), mixed_four(table + 2, &at, f, g)};
 }
 
-static inline reals3 shade_surface(const Surface *s, constant Shading *shading, constant PhongLight *lights)
+static inline reals3 shade_surface(const surfaces *s, constant Shading *shading, constant PhongLight *lights)
 {
   const reals3 ambient = scale3(s->albedo, shading->ambient);
   const reals n_v = dot3(s->normal, s->to_eye);

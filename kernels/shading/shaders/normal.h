@@ -4,7 +4,7 @@
 #include "arithmetic/vectors.h"
 #include "shading/surface.h"
 
-static inline reals3 shade_surface(const Surface *s, constant Shading *shading, constant PhongLight *lights)
+static inline reals3 shade_surface(const surfaces *s, constant Shading *shading, constant PhongLight *lights)
 {
   return (reals3){R(0.5) + R(0.5) * s->normal.x, R(0.5) - R(0.5) * s->normal.y, R(0.5) - R(0.5) * s->normal.z};
 }

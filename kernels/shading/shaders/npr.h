@@ -19,7 +19,7 @@ static inline reals tone_of(reals light, constant real *tones, int num_tones)
 #undef TONE
 }
 
-static inline masks on_line(const Surface *s, const Pixels *at, constant Npr *npr)
+static inline masks on_line(const surfaces *s, const Pixels *at, constant Npr *npr)
 {
   masks line = MASK(dot3(s->normal, s->to_eye) < npr->silhouette);
   for (int dy = -1; dy <= 1; ++dy)
@@ -28,7 +28,7 @@ static inline masks on_line(const Surface *s, const Pixels *at, constant Npr *np
   return line;
 }
 
-static inline reals3 shade_pixels(const Surface *s, constant Shading *shading, constant PhongLight *lights,
+static inline reals3 shade_pixels(const surfaces *s, constant Shading *shading, constant PhongLight *lights,
                                   const Pixels *at, constant Npr *npr, constant real *tones)
 {
   reals3 light = {R(0.0), R(0.0), R(0.0)};

@@ -6,7 +6,7 @@
 #include "shading/surface.h"
 #include "shading/light.h"
 
-static inline reals3 shade_surface(const Surface *s, constant Shading *shading, constant PhongLight *lights)
+static inline reals3 shade_surface(const surfaces *s, constant Shading *shading, constant PhongLight *lights)
 {
   reals3 color = scale3(s->albedo, shading->ambient);
   for (int i = 0; i < shading->num_lights; ++i) {
