@@ -102,14 +102,14 @@ def test_no_platform_at_all_is_one_clear_error(monkeypatch):
 
 def test_a_build_error_names_the_real_file_and_line(monkeypatch):
     real = program.inline_source
-    broken = "  target t;"
-    monkeypatch.setattr(program, "inline_source", lambda *a: real(*a).replace(broken, "  target t oops;"))
+    broken = "  region_sums t;"
+    monkeypatch.setattr(program, "inline_source", lambda *a: real(*a).replace(broken, "  region_sums t oops;"))
     line = 1 + next(
         i
-        for i, text in enumerate((files("splatcl.kernels") / "attributes.cl").read_text().splitlines())
+        for i, text in enumerate((files("splatcl.kernels") / "passes/attributes.cl").read_text().splitlines())
         if broken in text
     )
-    with pytest.raises(DeviceError, match=rf"kernels/attributes.cl:{line}:"):
+    with pytest.raises(DeviceError, match=rf"kernels/passes/attributes.cl:{line}:"):
         splatcl.Renderer(tile_size=64).render(SPLATS, CAMERA)
 
 

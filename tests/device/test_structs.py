@@ -32,6 +32,6 @@ def test_a_struct_is_padded_at_its_end_only(real):
 def test_another_layout_does_not_compile(device):
     declarations = layout.structs("f4")[1]
     options = {"LANES": 1, "DOUBLE": 0, "EXACT_DIVIDE": 1, "EXACT_SQRT": 1, "ON_POCL": 0, "ORTHOGRAPHIC": 0}
-    options |= {"SHADER": '"phong.h"', "RESOLVED": 0}
+    options |= {"SHADER": '"shading/shaders/phong.h"', "RESOLVED": 0}
     with pytest.raises(DeviceError, match="View_size"):
-        Program(device.context, "shade.cl", declarations.replace("float near;", ""), options)
+        Program(device.context, "passes/shade.cl", declarations.replace("float near;", ""), options)

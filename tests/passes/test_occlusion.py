@@ -128,7 +128,7 @@ def fragments_of(records, attributes, x, y, settings, projection):
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")
 def test_no_fragment_is_nearer_or_elsewhere_than_its_clue_says(device, no_front, projection, precision, ways):
-    """Mutations: DEPTH_SLACK or DISTANCE_SLACK negative; `first` for `last` in clue_of."""
+    """Mutations: DEPTH_SLACK or DISTANCE_SLACK negative; `first` for `last` in key_of."""
     num_sure = num_fragments = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)

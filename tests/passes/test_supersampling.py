@@ -84,7 +84,7 @@ def rich():
 
 @pytest.mark.parametrize("method", ["zwicker04", "botsch04"])
 def test_windows_of_other_methods(renderer, method):
-    """Mutation: `column` and `row` of weighted.h not in the window."""
+    """Mutation: `column` and `row` of contribution.h not in the window."""
     settings, camera = RenderSettings(method=method, epsilon=EPSILON), small("off_center")
     splats = rich() if method == "botsch04" else scene("random_ellipses")
     large = renderer.render(splats, enlarged(camera, 2), settings)

@@ -52,7 +52,10 @@ ROUNDINGS = {  # one rounding, or the order of two, and another in its place
         "power(at_most(dot3(mirrored, s->to_eye), R(1.0)), ",
         "pow(clamp(dot3(mirrored, s->to_eye), R(0.0), R(1.0)), (reals)",
     ),
-    "inverse square root": (ROOT_TEXT, f"#if LANES > 1\n#define square_root(x) ((x) * rsqrt(x))\n#elif {ROOT_TEXT[4:]}"),
+    "inverse square root": (
+        ROOT_TEXT,
+        f"#if LANES > 1\n#define square_root(x) ((x) * rsqrt(x))\n#elif {ROOT_TEXT[4:]}",
+    ),
     "reciprocal": ("#define divide(a, b) ((a) / (b))", "#define divide(a, b) ((a) * ((real)1 / (b)))"),
 }
 
@@ -153,7 +156,7 @@ def test_tiles_and_lanes_of_every_method(scenes, every):
 
 @ways("lanes", 1, 4, 16)
 def test_lanes(lanes, check):
-    """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in attributes.cl's large_box."""
+    """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in attributes.cl's add_large_box."""
     if lanes == 16 and "PoCL 3.0" in choose_device().version:
         with pytest.raises(DeviceError, match="cannot compile 16-wide square roots"):
             Renderer(lanes=lanes)
