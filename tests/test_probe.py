@@ -85,7 +85,7 @@ SETTINGS = {
 
 
 def every_setting_and_grouping():
-    """All settings in the usual grouping and one in each of the others, which compile anew; the rest are slow."""
+    """Return every setting in each grouping; only one is fast outside the usual grouping, as each compiles anew."""
     quick = {(1, 8): "no pre-filter, culled", (4, 32): "table"}
     return [
         pytest.param(settings, *grouping, marks=[] if quick.get(grouping, settings) == settings else pytest.mark.slow)
