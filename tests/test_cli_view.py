@@ -10,7 +10,7 @@ from splatcl import Camera, Splats
 
 __all__ = ["stub"]  # a fixture
 SQUARE = [[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
-TURNED = "note: looked from azimuth 180, where the normals point; --azimuth 0 shows the other side"
+TURNED = "note: the camera is at azimuth 180, where the normals point; --azimuth 0 shows the other side"
 AWAY = "note: most normals face away from the camera; try --facing flip"
 
 
@@ -78,14 +78,14 @@ def test_normals_that_face_away_are_told(stub, capsys, monkeypatch, normal, opti
 
 def test_only_covered_pixels_count_and_a_sample_of_them_does(stub, capsys, monkeypatch):
     monkeypatch.setattr(stub, "normal", (0, 0, 1))
-    monkeypatch.setattr("splatcl.cli.render.MAX_SAMPLES", 100)
+    monkeypatch.setattr("splatcl.cli.commands.render.MAX_SAMPLES", 100)
     assert AWAY in render(stub, capsys, monkeypatch, sheet(1), "--size 90x70")[1]
 
 
 def test_an_empty_picture_is_told(stub, capsys, monkeypatch):
     monkeypatch.setattr(stub, "share", 0.0)
     notes = render(stub, capsys, monkeypatch, sheet(1))[1]
-    assert notes == ["note: nothing visible: check the camera's position, near and far and axes"]
+    assert notes == ["note: no splat is visible; check the camera's position, axes, near and far"]
 
 
 @pytest.mark.parametrize("elevation", [90, -90])
