@@ -204,4 +204,4 @@ def test_names_that_are_no_experiments(capsys):
     assert main(["paper", "hole"]) == 2
     assert main(["paper", "holes", "--docs", "docs"]) == 2
     errors = capsys.readouterr().err.splitlines()
-    assert len(errors) == 2 and "--docs is of all experiments" in errors[1]
+    assert len(errors) == 2 and "--docs needs all experiments; leave out their names" in errors[1]

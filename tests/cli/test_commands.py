@@ -56,8 +56,11 @@ def test_a_camera_file_replaces_the_framing(stub, capsys, tmp_path):
     assert status == 0 and any(line.startswith("rendered 33x44") for line in out)
     np.testing.assert_allclose(stub.calls[0][1].position, (1, 2, 3))
     for option in ("--azimuth 3", "--size 4x4", "--fov 0", "--up y", "--projection perspective"):
+        name = option.split()[0]
         status, _, err = run(capsys, f"render s.ply --png o.png --camera c.json {option}")
-        assert status == MISTAKE and err[0].startswith(f"splatcl: error: --camera and {option.split()[0]} excl")
+        assert status == MISTAKE and err == [
+            f"splatcl: error: --camera and {name} cannot be combined: the camera file sets the view; remove {name}"
+        ]
 
 
 def test_settings_reach_the_renderer(stub, capsys):
@@ -116,7 +119,9 @@ def test_exposure_is_for_the_png_only(stub, capsys):
     assert iio.imread("o.png")[0, 0, 0] == 99  # 255 * (1.055 * 0.125^(1/2.4) - 0.055)
     assert read_exr("o.exr")[0]["color"][0, 0, 0] == 0.25
     status, _, err = run(capsys, "render s.ply -o o.exr --exposure 1")
-    assert status == MISTAKE and "--exposure is for PNG" in err[0]
+    assert (
+        status == MISTAKE and "--exposure needs a PNG, since an .exr holds linear values; give --png FILE.png" in err[0]
+    )
 
 
 def test_output_may_be_a_png(stub, capsys):
@@ -126,15 +131,15 @@ def test_output_may_be_a_png(stub, capsys):
 
 MISTAKES = [
     ("render", "SCAN requires an argument"),
-    ("render s.ply", "nothing to write"),
+    ("render s.ply", "no output is named; give -o FILE.exr"),
     ("render s.ply -o o.jpg", "o.jpg: cannot write .jpg; use .exr or .png"),
-    ("render s.ply --png o.exr", "--png o.exr does not end in .png"),
-    ("render s.ply -o o.png --png ./o.png", "both name"),
+    ("render s.ply --png o.exr", "--png o.exr: the name must end in .png; write .exr with -o"),
+    ("render s.ply -o o.png --png ./o.png", "-o and --png both name o.png; give two names"),
     ("render s.ply -o missing/o.exr", "does not exist"),
     ("render s.ply -o folder.exr", "it is a folder"),
     ("render s.ply -o o.exr --png missing/o.png", "does not exist"),
-    ("render s.ply -o o.exr --size 800", "--size '800' is not WIDTHxHEIGHT"),
-    ("render s.ply -o o.exr --size 0x5", "0x5' is not WIDTHxHEIGHT"),
+    ("render s.ply -o o.exr --size 800", "--size '800' must be WIDTHxHEIGHT"),
+    ("render s.ply -o o.exr --size 0x5", "0x5' must be WIDTHxHEIGHT"),
     ("render s.ply -o o.exr --size 99999x5", "--size 99999x5"),
     ("render s.ply -o o.exr --fov 180", "--fov 180.0 must"),
     ("render s.ply -o o.exr --fov 0", "--fov 0.0 must"),
@@ -143,7 +148,10 @@ MISTAKES = [
     ("render s.ply -o o.exr --epsilon -1", "--epsilon -1.0"),
     ("render s.ply -o o.exr --epsilon abc", "abc"),
     ("render s.ply -o o.exr --facing sideways", '"keep", "flip", "cull"'),
-    ("render s.ply -o o.exr --kernel table", "error: --kernel table and --kernel-table go together"),
+    (
+        "render s.ply -o o.exr --kernel table",
+        "error: --kernel table and --kernel-table need each other; give both or neither",
+    ),
     ("render s.ply -o o.exr --up w", "--up"),
     ("render s.ply -o o.exr --elevation 91", "--elevation 91.0 must be between -90 and 90"),
     ("render s.ply -o o.exr --camera missing.json", "missing.json: cannot read"),
@@ -208,10 +216,10 @@ def test_info_prints_the_summary(capsys, tmp_path):
     assert out[1:7] == [
         "points      4",
         "attributes  none but positions",
-        "least       0 0 0",
-        "greatest    1000000.5 2 0",
+        "minimum     0 0 0",
+        "maximum     1000000.5 2 0",
         "size        1e+06 2 0",
-        "spacing     2 (median distance to the nearest neighbour)",
+        "spacing     2 (median distance to the nearest neighbor)",
     ]
     assert out[7].startswith("skipped     1 points with a non-finite ")
 

@@ -55,7 +55,7 @@ def test_process_version_and_help():
     assert (result.returncode, result.stderr) == (0, "")
     for name, text in [
         ("render", "Render a scan"),
-        ("info", "Say what a scan"),
+        ("info", "Summarize a scan"),
         ("devices", "List the OpenCL"),
     ]:
         assert name in result.stdout and text in result.stdout

@@ -10,7 +10,7 @@ from splatcl import Camera, Splats
 
 __all__ = ["stub"]  # a fixture
 SQUARE = [[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
-TURNED = "note: looked from azimuth 180, where the normals point; --azimuth 0 shows the other side"
+TURNED = "note: the camera is at azimuth 180, where the normals point; --azimuth 0 shows the other side"
 AWAY = "note: most normals face away from the camera; try --facing flip"
 
 
@@ -85,7 +85,7 @@ def test_only_covered_pixels_count_and_a_sample_of_them_does(stub, capsys, monke
 def test_an_empty_picture_is_told(stub, capsys, monkeypatch):
     monkeypatch.setattr(stub, "share", 0.0)
     notes = render(stub, capsys, monkeypatch, sheet(1))[1]
-    assert notes == ["note: nothing visible: check the camera's position, near and far and axes"]
+    assert notes == ["note: no splat is visible; check the camera's position, axes, near and far"]
 
 
 @pytest.mark.parametrize("elevation", [90, -90])

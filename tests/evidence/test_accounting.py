@@ -253,5 +253,7 @@ def test_the_command_exits_1_if_a_check_fails(command, capsys, monkeypatch, tmp_
     assert main(command) == FAILED
     captured = capsys.readouterr()
     assert "check fragments       FAILED: 3 by pixel but 4 by splat" in captured.out.splitlines()
-    assert captured.err.splitlines()[-1].startswith("splatcl: error: fragments: the check failed")
+    assert captured.err.splitlines()[-1].startswith(
+        "splatcl: error: fragments: the check failed; do not trust this image"
+    )
     assert (tmp_path / "out.exr").exists(), "to be looked at"

@@ -168,8 +168,8 @@ def test_on_the_command_line(frame, path, capsys, tmp_path, monkeypatch):
     for wrong, says in (
         ("--shader user", "--user-shader"),
         ("--cutoff 1", "--cutoff"),
-        ("--npr.contour -1", "--npr.contour -1.0 is not between"),
-        ("--shader normal --user-shader s.cl", "exclude each other"),
+        ("--npr.contour -1", "--npr.contour -1.0 must be between"),
+        ("--shader normal --user-shader s.cl", "--user-shader and --shader normal cannot be combined"),
     ):
         status, _, err = run(capsys, f"shade {path} -o no.exr {wrong}")
         assert status == MISTAKE and len(err) == 1 and says in err[0]

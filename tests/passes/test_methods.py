@@ -184,7 +184,7 @@ def test_what_has_no_meaning_is_refused(renderer):
         ({"method": "botsch03", "normals": "field"}, "no effect"),
         ({"target": "float64"}, "double"),
         ({"user_shader": "float4 shade;"}, "user_shader"),
-        ({"method": "nobody"}, "not one of"),
+        ({"method": "nobody"}, "must be one of"),
         ({"supersampling": 1.5}, "whole number"),
     ):
         with pytest.raises(SplatclError, match=words):

@@ -127,13 +127,13 @@ def test_depth_by_hand():
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"tones": ()}, "npr.tones has 0 tones; it takes 1 to 4096"),
-        ({"tones": 0.5}, "npr.tones 0.5 is not a sequence"),
-        ({"tones": (0.5, "dark")}, "npr.tones 'dark' is not a number"),
-        ({"contour": "none"}, "npr.contour 'none' is not a number"),
-        ({"contour": -1}, "npr.contour -1.0 is not between 0.0 and"),
-        ({"silhouette": float("nan")}, "npr.silhouette nan is not between -1.0 and 1.0"),
-        ({"line": (0, 0)}, r"npr.line \(0.0, 0.0\) is not three numbers"),
+        ({"tones": ()}, "npr.tones has 0 tones; give 1 to 4096"),
+        ({"tones": 0.5}, "npr.tones 0.5 must be a sequence"),
+        ({"tones": (0.5, "dark")}, "npr.tones 'dark' must be a number"),
+        ({"contour": "none"}, "npr.contour 'none' must be a number"),
+        ({"contour": -1}, "npr.contour -1.0 must be between 0.0 and"),
+        ({"silhouette": float("nan")}, "npr.silhouette nan must be between -1.0 and 1.0"),
+        ({"line": (0, 0)}, r"npr.line \(0.0, 0.0\) must be three numbers"),
     ],
 )
 def test_a_wrong_npr_is_refused(wrong, says):

@@ -256,6 +256,6 @@ def test_what_is_of_samples_is_refused(renderer):
 def test_the_command_line_refuses_before_it_renders(stub, capsys, option):
     status, _, err = run(capsys, f"render s.ply -o o.exr --supersampling 3 {option}")
     assert (status, stub.calls) == (2, []) and len(err) == 1
-    assert err[0].endswith("--check, --margin and --envelope are of single samples: leave out --supersampling")
+    assert err[0].endswith("--check, --margin and --envelope need one sample per pixel; leave out --supersampling")
     status, _, err = run(capsys, "render s.ply -o o.exr --supersampling 3")
     assert (status, err, stub.calls[0][2].supersampling) == (0, [], 3)

@@ -158,7 +158,7 @@ def test_on_the_command_line(frame, capsys, tmp_path, monkeypatch):
     assert err[0].startswith("splatcl: error: bad.cl:3: use of undeclared identifier 'foo'")
     for wrong, says in (
         ("--shader user", "--shader user needs --user-shader FILE.cl"),
-        ("--shader npr --user-shader mine.cl", "--user-shader and --shader npr exclude each other"),
+        ("--shader npr --user-shader mine.cl", "--user-shader and --shader npr cannot be combined; remove one"),
         ("--user-shader none.cl", "none.cl: cannot read: No such file or directory"),
     ):
         assert run(capsys, f"{options} {wrong}") == (MISTAKE, [], [f"splatcl: error: {says}"])

@@ -232,13 +232,13 @@ def test_the_command_writes_splats_that_are_read_back(tmp_path, capsys):
     for name in ("out.npz", "out.ply"):
         assert main(["features", str(mesh), "-o", str(tmp_path / name), "--angle", "30"]) == 0
         out = capsys.readouterr().out.splitlines()
-        assert out[-1].endswith(f"{name} ({len(wanted)} splats)") and out[0].startswith("note: covered 4 triangles")
+        assert f"{name} ({len(wanted)} splats, " in out[-1] and out[0].startswith("note: covered 4 triangles")
         np.testing.assert_array_equal(splatcl.read(tmp_path / name).clip, wanted.clip)
     points = tmp_path / "points.xyz"
     points.write_text("0 0 0\n1 0 0\n0 1 0\n")
     for arguments, message in [
-        ([str(points), "-o", "a.ply"], f"{points}: has no triangles; sharp edges are those of a mesh"),
-        ([str(mesh), "-o", "a.off"], "--output a.off must end in .ply or .npz"),
+        ([str(points), "-o", "a.ply"], f"{points}: has no triangles; give a mesh"),
+        ([str(mesh), "-o", "a.off"], "a.off: splats are written as .ply or .npz, not .off"),
         ([str(mesh), "-o", "a.ply", "--angle", "200"], "--angle 200.0 must be between 0 and 180 degrees"),
     ]:
         assert main(["features", *arguments]) == MISTAKE

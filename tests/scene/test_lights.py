@@ -44,16 +44,16 @@ def test_a_spot_by_hand(renderer, inner):
 @pytest.mark.parametrize(
     ("light", "message"),
     [
-        (Light("lamp"), "kind 'lamp' is not one of headlight, directional, point, spot"),
+        (Light("lamp"), "kind 'lamp' must be one of headlight, directional, point, spot"),
         (Light("spot"), "a spot light needs a direction"),
-        (Light("spot", direction=(0, 1)), "a light's direction .* is not three numbers"),
-        (Light("spot", direction=(0, 0, 1), inner=50, outer=40), "inner 50 is wider than its outer 40"),
-        (Light(outer=90), "a light's outer 90.0 is not between 0.1 and 89"),
-        (Light(shadow="soft"), "shadow 'soft' is not one of none, nearest, pcf"),
-        (Light("point", bias=-1), "a light's bias -1.0 is not between"),
-        (Light("point", map_size=64.5), "a light's map_size 64.5 is not a whole number"),
-        (Light("point", map_size=9000), "a light's map_size 9000.0 is not between 16 and 8192"),
-        (Light(shadow="pcf"), "a headlight shines from the eye, which sees none of its shadows"),
+        (Light("spot", direction=(0, 1)), "a light's direction .* must be three numbers"),
+        (Light("spot", direction=(0, 0, 1), inner=50, outer=40), "inner 50 must not exceed its outer 40"),
+        (Light(outer=90), "a light's outer 90.0 must be between 0.1 and 89"),
+        (Light(shadow="soft"), "shadow 'soft' must be one of none, nearest, pcf"),
+        (Light("point", bias=-1), "a light's bias -1.0 must be between"),
+        (Light("point", map_size=64.5), "a light's map_size 64.5 must be a whole number"),
+        (Light("point", map_size=9000), "a light's map_size 9000.0 must be between 16 and 8192"),
+        (Light(shadow="pcf"), "a headlight has no visible shadows: it shines from the eye; choose shadow='none'"),
     ],
 )
 def test_bad_lights(light, message):
@@ -104,7 +104,10 @@ def test_the_lightmap_has_the_same_bits_for_all_lanes(renderer_with):
 
 def test_the_lightmap_knows_no_place_no_shadow_and_one_shininess(renderer):
     for light in (Light("point"), Light("directional", (0, 0, 1), shadow="pcf")):
-        with pytest.raises(SettingsError, match="shader='lightmap' looks light up by direction alone"):
+        with pytest.raises(
+            SettingsError,
+            match="shader='lightmap' cannot have shadows or lights with a position: it reads light by direction alone",
+        ):
             RenderSettings(lights=(light,), shader="lightmap")
     splats = replace(random_ellipses(num=3), attributes={"shininess": np.ones(3)})
     with pytest.raises(SettingsError, match="one shininess"):
@@ -148,7 +151,7 @@ def test_where_an_environment_shines_from(place, up, toward):
 @pytest.mark.parametrize(
     ("image", "options", "message"),
     [
-        (np.ones((4, 8)), {}, r"is \(H, W, 3\), not \(4, 8\)"),
+        (np.ones((4, 8)), {}, r"must be \(H, W, 3\), not \(4, 8\)"),
         (np.full((4, 8, 3), np.nan), {}, "numbers from 0"),
         (np.ones((24, 64, 3)), {}, "64x24 cannot be averaged to 32x16"),
         (np.ones((4, 8, 3)), {"up": "x"}, "up='y' or 'z'"),
@@ -175,15 +178,18 @@ def test_lights_of_the_command_line(stub, capsys):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("kind", "--light kind: 'kind' is not NAME=VALUE"),
+        ("kind", "--light kind: 'kind' must be NAME=VALUE"),
         ("knd=spot", "a light has no 'knd'; it has kind, vector"),
-        ("kind=spott", "kind 'spott' is not one of headlight, directional, point, spot"),
-        ("vector=0:2", "vector '0:2' is not three numbers such as 0:1.5:2"),
-        ("color=1:1:red", "color '1:1:red' is not three numbers"),
-        ("inner=x", "inner 'x' is not a number"),
-        ("kind=point,kind=point", "kind is given twice"),
+        ("kind=spott", "kind 'spott' must be one of headlight, directional, point, spot"),
+        ("vector=0:2", "vector '0:2' must be three numbers such as 0:1.5:2"),
+        ("color=1:1:red", "color '1:1:red' must be three numbers"),
+        ("inner=x", "inner 'x' must be a number"),
+        ("kind=point,kind=point", "kind appears twice; give it once"),
         ("kind=spot", "--light kind=spot: a spot light needs a direction"),
-        ("kind=point --shader lightmap", "--shader lightmap looks light up by direction alone"),
+        (
+            "kind=point --shader lightmap",
+            "--shader lightmap cannot have shadows or lights with a position: it reads light by direction",
+        ),
     ],
 )
 def test_mistaken_lights_are_one_line(stub, capsys, text, message):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import subprocess
 import sys
 import tomllib
-from pathlib import Path
 
 import pytest
+from helpers.paths import ROOT
 
 import splatcl
 
@@ -56,7 +56,7 @@ def test_render_is_the_function_whatever_is_imported_first(first):
 
 def test_the_wheel_carries_every_kernel():
     """By the patterns of pyproject.toml; .ci/run renders with the wheel itself."""
-    root = Path(__file__).parents[1]
+    root = ROOT
     patterns = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
     kernels = root / "kernels"
     carried = {path for pattern in patterns["splatcl.kernels"] for path in kernels.glob(pattern)}
