@@ -41,7 +41,7 @@ CALLED reals divide_plainly(reals a, reals b);
 
 #if EXACT_SQRT
 #if ON_POCL && LANES == 8 && !DOUBLE && defined(__AVX__)
-// The instruction inside PoCL's sqrt, without the call (docs/performance.md).
+// The instruction inside PoCL's sqrt, without the call (docs/speed/performance.md).
 typedef float gnu_float8 __attribute__((vector_size(32)));
 #define square_root(x) as_float8(__builtin_ia32_sqrtps256(__builtin_astype((reals)(x), gnu_float8)))
 #else
