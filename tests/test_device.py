@@ -152,7 +152,7 @@ def test_a_frame_from_before_the_fork_is_refused_in_the_child(monkeypatch):
     frame["Z"]
     monkeypatch.setattr(devices, "_opened_by", os.getpid() + 1)
     assert frame["Z"].min() == pytest.approx(3, rel=1e-6)
-    with pytest.raises(DeviceError, match="read the frame's N before forking"):
+    with pytest.raises(DeviceError, match="cannot read the frame's N in a forked process: read it before the fork"):
         frame["N"]
 
 

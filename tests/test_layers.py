@@ -91,7 +91,7 @@ def read_clues(passes, tile_size):
     """Yield a tile's first pixel, its records, their attributes and their clues."""
     device, own = passes.device, passes.passes
     for lists in bin_pass.bin(own, passes.view, passes.splats):
-        clues = device.read(lists.clues, (lists.start + lists.begin[-1],), np.int32)[lists.start :]
+        clues = device.read(lists.keys, (lists.start + lists.begin[-1],), np.int32)[lists.start :]
         records, attributes = passes.read(lists)
         for k in range(lists.last_tile - lists.first_tile):
             run = slice(*lists.begin[k : k + 2])
