@@ -38,22 +38,22 @@ reference-images: $(VENV)/installed-test
 golden: $(VENV)/installed-test
 	$(BIN)/python -m splatcl.evidence.golden.check
 
-# The golden images on five OpenCL runtimes; writes the table of docs/reproducibility.md.
+# The golden images on five OpenCL runtimes; writes the table of docs/trust/reproducibility.md.
 runtimes: $(VENV)/installed-test
-	VENV=$(VENV) .ci/runtimes docs/reproducibility.md
+	VENV=$(VENV) .ci/runtimes docs/trust/reproducibility.md
 
-# Renders every model of a folder to docs/contact_sheet.png: make contact-sheet MODELS=path
+# Renders every model of a folder to docs/images/contact_sheet.png: make contact-sheet MODELS=path
 contact-sheet: $(VENV)/installed-test
-	$(BIN)/python docs/contact_sheet.py $(MODELS)
+	$(BIN)/python docs/images/contact_sheet.py $(MODELS)
 
 # Each pass' time against a calibration kernel of the same run, compared with what is stored; about a minute, on a
-# machine that does nothing else (docs/bench.md).
+# machine that does nothing else (docs/speed/bench.md).
 bench-check: $(VENV)/installed-test
-	$(BIN)/python -m splatcl.apps.bench.guard docs/bench_ratios.json
+	$(BIN)/python -m splatcl.apps.bench.guard docs/speed/bench_ratios.json
 
 # Stores the ratios of now: after a wanted change of speed.
 bench-check-update: $(VENV)/installed-test
-	$(BIN)/python -m splatcl.apps.bench.guard docs/bench_ratios.json --update
+	$(BIN)/python -m splatcl.apps.bench.guard docs/speed/bench_ratios.json --update
 
 $(VENV)/installed: pyproject.toml
 	@echo "Installing splatcl into $(VENV) (about a minute) ..."

@@ -1,4 +1,4 @@
-// Envelope: between what bounds each pixel of any correct renderer lands (docs/uncertainty.md). A work-item takes a
+// Envelope: between what bounds each pixel of any correct renderer lands (docs/trust/uncertainty.md). A work-item takes a
 // tile, block by block: the splats that touch the block, the bounds of depth, what each fragment may contribute, and
 // the extremes of the weighted means over all that.
 //

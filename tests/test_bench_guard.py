@@ -52,6 +52,6 @@ def test_guard_says_how_to_make_its_file(capsys, tmp_path, text):
 
 
 def test_stored_ratios_are_those_of_the_guard():
-    stored = guard.read_stored(ROOT / "docs" / "bench_ratios.json")["ratios"]
+    stored = guard.read_stored(ROOT / "docs" / "speed" / "bench_ratios.json")["ratios"]
     names = [f"{size_name(s)} {f} {p}" for s in guard.SIZES for f in ("cull", "keep") for p in ("frame", *PASSES)]
     assert set(names) <= set(stored)

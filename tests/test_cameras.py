@@ -157,7 +157,7 @@ def test_unreadable_paths_are_file_errors(tmp_path):
 
 
 def test_the_example_of_the_documentation_is_what_its_text_says(tmp_path):
-    page = Path(__file__).parent.parent / "docs" / "cameras.md"
+    page = Path(__file__).parent.parent / "docs" / "guide" / "cameras.md"
     example = re.search(r"```json\n(.*?)```", page.read_text(), re.DOTALL)
     assert example
     (tmp_path / "c.json").write_text(example[1])

@@ -9,6 +9,7 @@ import json
 import re
 from dataclasses import replace
 from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,13 +17,14 @@ import pytest
 import splatcl
 from splatcl.cli import main
 from splatcl.errors import DeviceError
-from splatcl.evidence.doctor import examine
+from splatcl.evidence.doctor import Report, examine
 from splatcl.evidence.golden import check as golden
 from splatcl.io.exr import read_exr
 from splatcl.opencl.device import arithmetic, devices, program
 from splatcl.opencl.device import strictness as strict
 from splatcl.opencl.device.strictness import Device
 
+PAGE = (Path(__file__).parents[1] / "docs" / "trust" / "doctor.md").read_text()
 SPLATS = splatcl.Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
 CAMERA = splatcl.Camera.look_at((0, 0, 3), (0, 0, 0), width=33, height=17)
 DIVISION = ("#define divide(a, b) ((a) / (b))", "#define divide(a, b) ((a) * (R(1.0) / (b)))")
@@ -248,6 +250,20 @@ def test_the_command_line_reports(mutate, capsys, monkeypatch, tiny_golden):
     assert len(reports) == len(devices.list_devices())
     assert not reports[0]["fit"] and reports[0]["profiles"][0]["wrong"][0]["operation"] == "dot"
     assert reports[0]["golden"]["mismatches"]
+
+
+def test_the_documentation_shows_the_report_of_a_healthy_device():
+    """Also its counts: operations, numbers and golden images. Only the names of device and runtime are the page's."""
+    example = re.search(r"```console\n\$ splatcl doctor\n(.*?)```", PAGE, re.DOTALL)
+    assert example
+    index, name, platform, version = re.match(r"(\d+)  (.+)\n   ([^,\n]+), (.+)\n", example[1]).groups()
+    device = replace(devices.choose_device(), index=int(index), name=name, platform=platform, version=version)
+    profiles = tuple(
+        arithmetic.Arithmetic(precision, lanes, arithmetic.THOROUGH) for precision, lanes in arithmetic.LANES.items()
+    )
+    report = Report(device, "", profiles, "fused", {}, len(golden.scenes()))
+    assert list(report.lines()) == example[1].splitlines()
+    assert f"tests {arithmetic.QUICK} numbers" in PAGE
 
 
 INTEGER_DIVISORS = r"(?:(?:BLOCK|REGION)S?(?:_[XY])?|TILE|LANES|tiles_x|width)\b"

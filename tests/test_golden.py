@@ -89,10 +89,21 @@ def test_every_scene_has_its_hashes(scenes):
 
 
 def test_the_page_of_results_is_of_these_hashes():
-    page = (Path(__file__).parent.parent / "docs" / "reproducibility.md").read_text()
+    page = (Path(__file__).parent.parent / "docs" / "trust" / "reproducibility.md").read_text()
     for name, hashes in golden.stored().items():
         cells = re.search(rf"^\| {name} \|(.*)\|$", page, re.MULTILINE)
         assert cells and set(cells[1].split()) - {"|", "-"} == {golden.one_hash(hashes)[:8]}, name
+    assert page.endswith(f"\n{len(golden.scenes())} scenes, 0 of them different.\n")
+
+
+def test_the_page_of_results_counts_the_scenes_of_each_runtime():
+    page = (Path(__file__).parent.parent / "docs" / "trust" / "reproducibility.md").read_text()
+    header, *rows = re.findall(r"^\| (.*) \|$", page[page.index("\n| scene |") :], re.MULTILINE)
+    scenes = [row.split(" | ") for row in rows[1:]]
+    assert [name for name, *_ in scenes] == [scene.name for scene in golden.scenes()]
+    for column, runtime in enumerate(header.split(" | ")[1:], 1):
+        count = sum(row[column] != "-" for row in scenes)
+        assert re.search(rf"^\| {runtime} \| .* \| \d+ \| {count} \|$", page, re.MULTILINE), runtime
 
 
 def test_the_default_device(renderer):

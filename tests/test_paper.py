@@ -9,19 +9,29 @@ import numpy as np
 import pytest
 from tolerances import KERNEL_AREA, MOMENT_RELATIVE
 
-from splatcl.apps.paper import antialiasing, comparison, filters, metrics, perspective, report, scenes, sharp
+from splatcl.apps.paper import metrics, report, scenes
 from splatcl.apps.paper.catalogue import EXPERIMENTS, chosen
 from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
+from splatcl.apps.paper.experiments import antialiasing, comparison, filters, perspective, sharp
 from splatcl.cli import main
 from splatcl.errors import SettingsError
 
-DOCS = Path(__file__).parents[1] / "docs"
+PAGE = Path(__file__).parents[1] / "docs" / "trust" / "paper.md"
 GREY = np.full((20, 24, 3), 0.5, np.float32)
 
 
 @pytest.fixture
 def run(renderer):
     return Run(renderer, 0.25)
+
+
+def assert_described(result):
+    """Assert that docs/trust/paper.md has the words of an experiment: title, notes, claims and measures."""
+    page = PAGE.read_text()
+    section = page[page.index(f"\n## {result.name}\n") :]
+    assert section.startswith(f"\n## {result.name}\n\n{' '.join([f'{result.title}.', *result.notes])}\n")
+    assert all(f"| {claim.says} |" in page for claim in result.claims)
+    assert f"| {' | '.join(report.table(result)[0])} |" in section
 
 
 def test_metrics_of_a_constant_difference():
@@ -106,6 +116,7 @@ def test_kernels_have_the_areas_of_closed_form(run):
     )
     np.testing.assert_allclose(areas, expected, rtol=KERNEL_AREA)
     assert all(claim.holds for claim in result.claims)
+    assert_described(result)
 
 
 def test_only_affine_outlines_leave_holes(run):
@@ -124,21 +135,30 @@ def test_outlines_at_extreme_perspective(run):
     result = perspective.holes(run)
     share = {figure.of: figure.value for figure in result.figures if figure.measure == "uncovered floor"}
     assert share["affine"] > 1 and share["conic"] == share["ray cast"] == 0
-    wrong = {figure.of: figure.value for figure in result.figures if figure.measure == "wrong of one disc"}
+    wrong = {figure.of: figure.value for figure in result.figures if figure.measure == "wrong pixels of one disc"}
     assert wrong["affine"] > 20 and wrong["conic"] < 1 and wrong["ray cast"] < 1
     assert all(claim.holds for claim in result.claims)
+    assert_described(result)
 
 
 def test_the_screen_space_filter_removes_aliasing(run):
     result = antialiasing.screen_filter(run)
     assert [claim.holds for claim in result.claims] == [True]
     assert result.figures[0].value < 2 < 20 < result.figures[1].value
+    assert_described(result)
 
 
 @pytest.mark.slow
 def test_sharp_features_need_their_clip_lines(run):
     result = sharp.sharp_features(run)
     assert [claim.holds for claim in result.claims] == [True, True]
+    assert_described(result)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["targets", "checkerboards", "shaders", "overdraw", "half_inputs", "comparison"])
+def test_the_page_describes_what_experiments_measure(renderer, name):
+    assert_described(EXPERIMENTS[name](Run(renderer, 0.125)))
 
 
 RESULT = Result(
@@ -159,8 +179,8 @@ def test_a_result_as_a_folder_and_as_a_page(tmp_path, capsys):
     report.write_docs(tmp_path / "docs", [RESULT])
     files = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*.*")}
     index = {"out/index.md", "out/stub_small_one.png", "out/stub_larger.png"}
-    assert files == index | {"docs/paper.md", "docs/paper_stub.png"}
-    for path in (tmp_path / "out/index.md", tmp_path / "docs/paper.md"):
+    assert files == index | {"docs/trust/paper.md", "docs/images/paper_stub.png"}
+    for path in (tmp_path / "out/index.md", tmp_path / "docs/trust/paper.md"):
         text = path.read_text()
         assert "| a | 0.25 dB | 1,234,567 |" in text and "| b | 12.5% |  |" in text and "a note" in text
         assert "| [stub](#stub) | Two. | 2. | does not hold |" in text
@@ -168,12 +188,13 @@ def test_a_result_as_a_folder_and_as_a_page(tmp_path, capsys):
 
 
 def test_the_page_names_every_experiment():
-    text = (DOCS / "paper.md").read_text()
+    text = PAGE.read_text()
     table = text[: text.index("\n## ")]
+    assert text.startswith(report.INTRODUCTION)
     assert re.findall(r"^## (\w+)$", text, re.MULTILINE) == list(EXPERIMENTS)
     assert all(f"[{name}](#{name})" in table for name in EXPERIMENTS)
     pictures = re.findall(r"!\[[^]]*\]\(([^)]+)\)", text)
-    assert pictures and all((DOCS / picture).exists() for picture in pictures)
+    assert pictures and all((PAGE.parent / picture).exists() for picture in pictures)
 
 
 def test_names_that_are_no_experiments(capsys):

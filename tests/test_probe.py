@@ -291,10 +291,12 @@ def test_the_command_refuses_a_pixel_outside(scan, capsys, pixel):
 
 
 def test_the_documentation_shows_what_is_printed(capsys, tmp_path, monkeypatch):
-    """Both examples of docs/probe.md, word for word: the file that they read has splats, nothing is estimated."""
+    """Both examples of docs/trust/probe.md, word for word: the file that they read has splats, nothing is estimated."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "reference_images").symlink_to(ROOT / "reference_images")
-    examples = re.findall(r"```console\n\$ splatcl (.*)\n([^`]*)```", (ROOT / "docs" / "probe.md").read_text())
+    examples = re.findall(
+        r"```console\n\$ splatcl (.*)\n([^`]*)```", (ROOT / "docs" / "trust" / "probe.md").read_text()
+    )
     assert len(examples) == 2
     for command, output in examples:
         assert main(command.split()) == 0

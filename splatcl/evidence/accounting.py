@@ -1,4 +1,4 @@
-"""Conservation: what goes into a render and what comes out of it must add up, exactly (docs/probe.md)."""
+"""Conservation: what goes into a render and what comes out of it must add up, exactly (docs/trust/probe.md)."""
 
 from __future__ import annotations
 

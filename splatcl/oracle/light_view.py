@@ -1,4 +1,4 @@
-"""What each light sees of the splats: the maps that shadows are looked up in (docs/lights.md)."""
+"""What each light sees of the splats: the maps that shadows are looked up in (docs/guide/lights.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The light map: lights looked up by direction on an octahedron that is unfolded to a square (docs/lights.md)."""
+"""The light map: lights looked up by direction on an octahedron that is unfolded to a square (docs/guide/lights.md)."""
 
 from __future__ import annotations
 

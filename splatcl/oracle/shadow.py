@@ -1,4 +1,4 @@
-"""Shadows: whether points are behind what a light sees of the splats (docs/lights.md)."""
+"""Shadows: whether points are behind what a light sees of the splats (docs/guide/lights.md)."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ MAX_RADIANCE = 1e9
 
 @dataclass(frozen=True)
 class Light:
-    """A white or coloured light (docs/lights.md).
+    """A white or coloured light (docs/guide/lights.md).
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ class Npr:
 
 
 def environment_lights(image: ArrayLike, rows: int = 16, up: Literal["y", "z"] = "y") -> tuple[Light, ...]:
-    """Turn an image of the surroundings into directional lights, for ``shader="lightmap"`` (docs/lights.md).
+    """Turn an image of the surroundings into directional lights, for ``shader="lightmap"`` (docs/guide/lights.md).
 
     Surroundings of radiance 1 everywhere light a surface as one light of colour 1 straight above it does.
 

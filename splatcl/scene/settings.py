@@ -48,8 +48,8 @@ class RenderSettings:
     ----------
     method : {"botsch05", "zwicker04", "zwicker01", "botsch04", "botsch03"}
         The paper's system whose choices of `footprint`, `circular`, `prefilter`, `normals` and `shading` are
-        taken where those are "method" (None) or not given (docs/methods.md). It is applied when the settings are made:
-        ``dataclasses.replace(settings, method=...)`` does not change them again.
+        taken where those are "method" (None) or not given (docs/guide/methods.md). It is applied when the settings are
+        made: ``dataclasses.replace(settings, method=...)`` does not change them again.
     footprint : {"raycast", "affine", "conic"}
         What of the screen a disc covers: the pixels whose rays hit it ([BHZK05]), the ellipse of the projection's
         affine map exact at the centre ([ZPvBG01]), or the ellipse of its projected contour ([ZRB04]).
@@ -82,7 +82,7 @@ class RenderSettings:
         Normals as given, turned toward the eye, or back faces dropped before the visibility pass. Normals
         without a sign (`Splats.oriented` is False) are turned toward the eye whatever this says.
     shader : {"phong", "lightmap", "npr", "albedo", "normal", "depth", "user"}
-        docs/shaders.md shows each.
+        docs/guide/shaders.md shows each.
     user_shader : str
         OpenCL C of ``shader="user"``: a function ``float4 shade(const Surface s, const Scene scene)``.
     user_shader_name : str
@@ -100,7 +100,7 @@ class RenderSettings:
     half_inputs : bool
         Centres and normals are rounded to 16 bits before anything else ([BHZK05] section 6).
     supersampling : int
-        n: render n x n as many pixels and average them (docs/supersampling.md).
+        n: render n x n as many pixels and average them (docs/guide/supersampling.md).
 
     Raises
     ------

@@ -28,7 +28,7 @@ def bench(
     against: Literal["llvmpipe"] | None = None,
     device: str | None = None,
 ) -> None:
-    """Time each pass and whole frames over a matrix of scenes and settings (docs/bench.md).
+    """Time each pass and whole frames over a matrix of scenes and settings (docs/speed/bench.md).
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def decimate(
     fields: bool = False,
     on_invalid: OnInvalid = "error",
 ) -> None:
-    """Cover a scan with fewer, larger splats within an error bound (docs/fields.md).
+    """Cover a scan with fewer, larger splats within an error bound (docs/guide/normal_fields.md).
 
     Parameters
     ----------

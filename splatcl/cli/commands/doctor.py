@@ -6,7 +6,7 @@ from splatcl.util.progress import stage
 
 
 def doctor(*, device: str | None = None, all: bool = False, json: bool = False) -> int:
-    """Test a device's arithmetic against NumPy's, and render the golden images on it (docs/doctor.md).
+    """Test a device's arithmetic against NumPy's, and render the golden images on it (docs/trust/doctor.md).
 
     The exit status is 0 if the device is fit for reference renders, else 1.
 

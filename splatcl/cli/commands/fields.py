@@ -22,7 +22,7 @@ def fields(
     num_neighbors: int = 12,
     on_invalid: OnInvalid = "error",
 ) -> None:
-    """Estimate how normals turn over each splat, from its neighbours' (docs/fields.md).
+    """Estimate how normals turn over each splat, from its neighbours' (docs/guide/normal_fields.md).
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ def paper(
     docs: Path | None = None,
     device: str | None = None,
 ) -> None:
-    """Rerun figures, tables and claims of the papers: numbers, whether each claim holds, and images (docs/paper.md).
+    """Rerun figures, tables and claims of the papers: numbers, whether each holds, and images (docs/trust/paper.md).
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def paper(
     quick : bool
         Images of half the size: under a minute once the kernels are built.
     docs : path
-        Folder for paper.md and its pictures, instead of the other one; of all experiments.
+        Folder for trust/paper.md and images/paper_*.png, instead of the other one; of all experiments.
     device : str
         OpenCL device: an index of `splatcl devices`, or words of its name and version.
     """
@@ -57,4 +57,4 @@ def paper(
         write_docs(docs, results)
     else:
         write_folder(output, results)
-    print(f"wrote {docs / 'paper.md' if docs else output / 'index.md'}")
+    print(f"wrote {docs / 'trust' / 'paper.md' if docs else output / 'index.md'}")

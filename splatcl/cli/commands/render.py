@@ -59,8 +59,8 @@ def render(
     user_shader : path
         File of OpenCL C with a function float4 shade(const Surface s, const Scene scene); sets --shader user.
     light : str
-        A light, such as kind=spot,vector=0:2:1,direction=0:-1:0,color=1:1:1,shadow=pcf (docs/lights.md), in place of
-        the headlight; give the option again for each further light.
+        A light, such as kind=spot,vector=0:2:1,direction=0:-1:0,color=1:1:1,shadow=pcf (docs/guide/lights.md), in place
+        of the headlight; give the option again for each further light.
     on_invalid : str
         What to do with splats that have non-finite numbers or no area.
     device : str
@@ -68,11 +68,11 @@ def render(
     tile_size : int
         Pixels; changes the speed, not the image.
     check : bool
-        Render a second time and account for every splat, record, fragment and colour (docs/probe.md).
+        Render a second time and account for every splat, record, fragment and colour (docs/trust/probe.md).
     margin : bool
-        Add to the .exr how near each pixel's decisions are to flipping (docs/uncertainty.md).
+        Add to the .exr how near each pixel's decisions are to flipping (docs/trust/uncertainty.md).
     envelope : bool
-        Add to the .exr the bounds within which every correct renderer lands (docs/uncertainty.md).
+        Add to the .exr the bounds within which every correct renderer lands (docs/trust/uncertainty.md).
     allow_inexact : bool
         Render even where the device or the environment may change bits of the image (`splatcl doctor`); recorded.
     """

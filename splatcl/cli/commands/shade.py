@@ -56,7 +56,7 @@ def shade(
     device: str | None = None,
     allow_inexact: bool = False,
 ) -> None:
-    """Shade a rendered .exr again, without its splats (docs/shaders.md). What is not given stays as it was.
+    """Shade a rendered .exr again, without its splats (docs/guide/shaders.md). What is not given stays as it was.
 
     Parameters
     ----------
@@ -75,8 +75,8 @@ def shade(
     time : float
         Seconds, for a user's shader.
     light : str
-        A light, such as kind=point,vector=0:2:1,color=1:1:1 (docs/lights.md), in place of those of the frame; give
-        the option again for each further light. Shadows need a new render.
+        A light, such as kind=point,vector=0:2:1,color=1:1:1 (docs/guide/lights.md), in place of those of the frame;
+        give the option again for each further light. Shadows need a new render.
     device : str
         OpenCL device: an index of `splatcl devices`, or words of its name and version.
     allow_inexact : bool

@@ -1,4 +1,4 @@
-"""``--light``: a light as a text, such as kind=spot,vector=0:2:1,direction=0:-1:0,shadow=pcf (docs/lights.md)."""
+"""``--light``: a light as a text, such as kind=spot,vector=0:2:1,direction=0:-1:0,shadow=pcf (docs/guide/lights.md)."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class View:
     Parameters
     ----------
     camera : path
-        Camera file (docs/cameras.md); excludes the other options of this group.
+        Camera file (docs/guide/cameras.md); excludes the other options of this group.
     size : str
         Image size, WIDTHxHEIGHT pixels [default: 512x512].
     azimuth : float

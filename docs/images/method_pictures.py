@@ -1,4 +1,4 @@
-"""The picture of docs/methods.md, docs/methods.png: python docs/method_pictures.py."""
+"""The picture of docs/guide/methods.md, docs/images/methods.png: python docs/images/method_pictures.py."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from splatcl import Camera, Light, RenderSettings
 from splatcl.io.png import write_png
 from splatcl.scene.settings import METHODS
 
-DOCS = Path(__file__).parent
-SCAN = DOCS.parent / "reference_images" / "scans" / "bunny.pts"
+FOLDER = Path(__file__).parent
+SCAN = FOLDER.parents[1] / "reference_images" / "scans" / "bunny.pts"
 LIGHT = Light("directional", (-0.4, 0.7, 1.0))
 
 
@@ -25,7 +25,7 @@ def main() -> None:
     for method in METHODS:
         settings = RenderSettings(method=method, facing="flip", lights=(LIGHT,))
         colors.append(splatcl.render(splats, camera, settings).color)
-    write_png(DOCS / "methods.png", np.concatenate(colors, axis=1))
+    write_png(FOLDER / "methods.png", np.concatenate(colors, axis=1))
     print(f"{len(splats)} splats: {', '.join(METHODS)}")
 
 

@@ -1,4 +1,4 @@
-"""Render the pictures of docs/lights.md: ``python docs/light_pictures.py`` in the root of the repository."""
+"""Render the pictures of docs/guide/lights.md: ``python docs/images/light_pictures.py``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from splatcl import Camera, Light, Material, RenderSettings, Splats, read, rende
 from splatcl.scene.lights import environment_lights
 
 FOLDER = Path(__file__).parent
-BUNNY = FOLDER.parent / "reference_images" / "scans" / "bunny.pts"
+BUNNY = FOLDER.parents[1] / "reference_images" / "scans" / "bunny.pts"
 SUN = (1.0, 1.3, 0.4)
 
 

@@ -1,4 +1,4 @@
-"""Render every model of a folder into one picture, docs/contact_sheet.png: ``make contact-sheet MODELS=folder``."""
+"""Render every model of a folder into one picture, contact_sheet.png: ``make contact-sheet MODELS=folder``."""
 
 from __future__ import annotations
 

@@ -1,0 +1,83 @@
+"""Every relative link and picture of every page leads to a file of the repository, every anchor to a heading."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import unquote
+
+ROOT = Path(__file__).resolve().parent.parent
+LINK = re.compile(r"\]\(<?([^()\s>]+)>?(?: \"[^\"]*\")?\)|<(?:img|a)\b[^>]*\b(?:src|href)=\"([^\"]+)\"")
+OUTSIDE = re.compile(r"[a-z][a-z0-9+.-]*:|//")
+
+
+def tracked(root: Path) -> set[str]:
+    """Return the files that git holds, or would take, and their folders, relative to the root."""
+    listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
+    names = subprocess.run(listing, cwd=root, check=True, capture_output=True, text=True).stdout.split("\0")
+    files = [Path(name) for name in names if name and (root / name).exists()]
+    return {path.as_posix() for file in files for path in (file, *file.parents)}
+
+
+def prose(text: str) -> str:
+    """Return a page without its blocks and spans of code."""
+    text = re.sub(r"^( *)(```+|~~~+).*?^\1\2", "", text, flags=re.DOTALL | re.MULTILINE)
+    return re.sub(r"(`+)(?!`).*?(?<!`)\1(?!`)", "", text)
+
+
+def anchors(page: str) -> set[str]:
+    """Return the names after `#`: headings as GitHub writes them, a second one with -1, and `<a id>`."""
+    names: dict[str, int] = {}
+    found = set(re.findall(r"<a (?:id|name)=\"([^\"]+)\"", page))
+    text = re.sub(r"^( *)(```+|~~~+).*?^\1\2", "", page, flags=re.DOTALL | re.MULTILINE)
+    for heading in re.findall(r"^#{1,6} +(.*?) *#*$", text, re.MULTILINE):
+        shown = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading)
+        slug = re.sub(r"[^\w\- ]", "", shown.lower()).replace(" ", "-")
+        found.add(f"{slug}-{names[slug]}" if slug in names else slug)
+        names[slug] = names.get(slug, 0) + 1
+    return found
+
+
+def broken(root: Path) -> Iterator[str]:
+    """Yield `page: target` for every relative link that leads nowhere."""
+    files = tracked(root)
+    for name in sorted(file for file in files if file.endswith(".md")):
+        page = (root / name).read_text()
+        for target in (one or other for one, other in LINK.findall(prose(page))):
+            if OUTSIDE.match(target):
+                continue
+            path, _, anchor = unquote(target).partition("#")
+            aim = (root / name).parent / path if path else root / name
+            place = aim.resolve()
+            inside = place.is_relative_to(root) and place.relative_to(root).as_posix() in files
+            if not inside or (anchor and anchor not in anchors(place.read_text())):
+                yield f"{name}: {target}"
+
+
+def test_every_link_leads_somewhere():
+    assert list(broken(ROOT)) == []
+
+
+def test_every_picture_is_shown_on_a_page():
+    pages = [ROOT / name for name in tracked(ROOT) if name.endswith(".md")]
+    shown = {(page.parent / target).resolve() for page in pages for target, _ in LINK.findall(prose(page.read_text()))}
+    assert {picture for picture in (ROOT / "docs" / "images").glob("*.png") if picture not in shown} == set()
+
+
+def test_wrong_links_are_found(tmp_path):
+    """Mutation: each of the links of this page but the first five."""
+    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "page.md").write_text(
+        "# One `word`, two\n\n## Again\n\n## Again\n\n```sh\n# no heading\n```\n"
+    )
+    (tmp_path / "README.md").write_text(
+        "[a](docs/page.md) [b](docs/page.md#one-word-two) [c](docs/page.md#again-1) [d](https://x.y/z.md) [e](docs)\n"
+        "[f](page.md) ![g](docs/none.png) [h](docs/page.md#no-heading) [i](#nothing) [j](../outside.md)\n"
+        '<img src="lost.png"> [k](docs/PAGE.md) `[l](code.md)`\n\n```\n[m](block.md)\n```\n[n](docs/page.md#again-2)\n'
+    )
+    wrong = ["page.md", "docs/none.png", "docs/page.md#no-heading", "#nothing", "../outside.md", "lost.png"]
+    wrong += ["docs/PAGE.md", "docs/page.md#again-2"]
+    assert list(broken(tmp_path.resolve())) == [f"README.md: {target}" for target in wrong]
