@@ -117,7 +117,7 @@ def test_aovs_of_another_renderer(frame):
         np.testing.assert_array_equal(shaded.color, frame.color)
     empty = Frame(own | {"weight": np.zeros_like(frame["weight"])}, frame.camera).shade()
     assert not empty.color.any()
-    with pytest.raises(SettingsError, match=r"npr.contour='auto' is four times a render's epsilon, which this frame"):
+    with pytest.raises(SettingsError, match=r"npr.contour='auto' needs the render's epsilon, which this frame lacks"):
         Frame(own, frame.camera).shade(shader="npr")
     assert Frame(own, frame.camera).shade(shader="npr", npr=Npr(contour=0.1)).color.any()
 
