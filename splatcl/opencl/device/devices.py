@@ -91,7 +91,7 @@ def list_devices() -> list[DeviceInfo]:
     try:
         handles = [device for platform in cl.get_platforms() for device in platform.get_devices()]
     except cl.Error as error:
-        raise DeviceError(f"no OpenCL platform ({error}); install one with pip install 'pyopencl[pocl]'") from None
+        raise DeviceError(f"no OpenCL platform ({error}); pip install 'pyopencl[pocl]' installs one") from None
     handles.sort(key=_preference)
     return [
         DeviceInfo(i, d.platform.name, d.name.strip(), d.platform.version, i == 0, _supports(d), d)
@@ -115,7 +115,7 @@ def choose_device(wanted: str | int | None = None) -> DeviceInfo:
     """
     devices = list_devices()
     if not devices:
-        raise DeviceError("no OpenCL device; install PoCL's CPU device with pip install 'pyopencl[pocl]'")
+        raise DeviceError("no OpenCL device; pip install 'pyopencl[pocl]' installs PoCL's CPU device")
     if wanted is None:
         wanted = os.environ.get("SPLATCL_DEVICE", "")
     wanted = str(wanted).strip()
