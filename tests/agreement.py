@@ -23,7 +23,13 @@ from tolerances import (
     WEIGHT_RELATIVE,
 )
 
-from splatcl import Splats, oracle
+from splatcl import Splats
+from splatcl.oracle.attributes import attributes
+from splatcl.oracle.buffers import NO_SPLAT
+from splatcl.oracle.geometry.discs import Discs, intersect
+from splatcl.oracle.geometry.rays import pixel_rays
+from splatcl.oracle.project import project
+from splatcl.oracle.visibility import visibility
 
 
 @cache
@@ -35,11 +41,11 @@ def scene(name, seed=0) -> Splats:
 def expected(scene_name, camera_name, settings, seed=0):
     """Return the oracle's `projected`, `depth`, `gbuffer`, and `depth_scale` (H, W) of the depth's rounding error."""
     splats, camera = scene(scene_name, seed), CAMERAS[camera_name]
-    projected = oracle.project(splats, camera, settings)
-    depth = oracle.visibility(projected, camera, settings)
-    gbuffer = oracle.attributes(projected, depth, camera, settings, settings.epsilon, splats.color)
-    hits = oracle._intersect(oracle._discs(projected, camera), camera, oracle._rays(camera)[:, None])
-    front = np.where(depth.particleid == oracle.NO_SPLAT, 0, depth.particleid).astype(np.int64)
+    projected = project(splats, camera, settings)
+    depth = visibility(projected, camera, settings)
+    gbuffer = attributes(projected, depth, splats, camera, settings, settings.epsilon)
+    hits = intersect(Discs.of(projected, camera), camera, pixel_rays(camera)[:, None])
+    front = np.where(depth.particleid == NO_SPLAT, 0, depth.particleid).astype(np.int64)
     scale = np.take_along_axis(hits.scale_z, front.reshape(-1, 1), axis=1).reshape(front.shape)
     return SimpleNamespace(projected=projected, depth=depth, gbuffer=gbuffer, depth_scale=scale)
 

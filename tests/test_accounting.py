@@ -13,6 +13,7 @@ from test_probe import SETTINGS
 import splatcl
 from splatcl import RenderSettings
 from splatcl.cli import FAILED, main
+from splatcl.evidence import accounting
 from splatcl.evidence.accounting import Check, color_bound
 from splatcl.frame import Frame
 from splatcl.io.exr import read_exr
@@ -109,9 +110,9 @@ def test_the_bound_is_about_two_roundings_a_fragment():
 
 
 def spoiled(monkeypatch, name, spoil):
-    """Let pipeline's function `name` return what `spoil` makes of its arguments and its result."""
-    original = getattr(bin_pass, name)
-    monkeypatch.setattr(bin_pass, name, lambda *args: spoil(args, original(*args)))
+    """Let the function `name` return what `spoil` makes of its arguments and its result."""
+    original = getattr(accounting, name)
+    monkeypatch.setattr(accounting, name, lambda *args: spoil(args, original(*args)))
 
 
 def rewrite(device, buffer, shape, dtype, change):

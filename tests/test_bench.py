@@ -10,7 +10,8 @@ import pyopencl as cl
 import pytest
 
 import splatcl
-from splatcl.apps.bench import against, measure, plot, roofline, scenes
+from splatcl.apps import sample_scenes
+from splatcl.apps.bench import against, measure, plot, roofline
 from splatcl.apps.bench.matrix import BASE, Row, rows
 from splatcl.apps.bench.measure import Skipped
 from splatcl.apps.bench.passes import PASSES, FramePasses
@@ -70,7 +71,7 @@ def test_what_was_asked_for_is_measured(run, tmp_path):
 
 
 def test_without_a_scan_its_row_is_skipped(run, monkeypatch, tmp_path):
-    monkeypatch.setattr(scenes, "BUNDLED_SCAN", tmp_path / "none.pts")
+    monkeypatch.setattr(sample_scenes, "BUNDLED_SCAN", tmp_path / "none.pts")
     status, out, _ = run("--sizes 200 --frames 1 --only scan")
     assert status == 0 and "skipped sphere" not in out
     assert "skipped scan 200" in out and "give --model FILE" in out

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 import splatcl
-from splatcl.apps.bench import measure, scenes
+from splatcl.apps import sample_scenes
+from splatcl.apps.bench import measure
 from splatcl.apps.bench.matrix import BASE, Row
 from splatcl.apps.bench.measure import Job
 from splatcl.apps.bench.passes import PASSES, FramePasses, lanes_of
@@ -84,7 +85,7 @@ def test_what_lies_behind_is_not_taken(renderer):
 
 def test_counts_agree_with_each_other(renderer):
     row = Row(2000, replace(BASE, facing="keep"), width=64, height=48)
-    job = Job(renderer, renderer.upload(scenes.fibonacci_sphere(2000)), row)
+    job = Job(renderer, renderer.upload(sample_scenes.fibonacci_sphere(2000)), row)
     counts = job.counts
     assert counts.num_listed == 2000 <= counts.num_entries
     assert 0 < counts.num_near <= counts.num_entries and 0 < counts.num_discs <= counts.num_entries

@@ -78,7 +78,7 @@ def test_normals_that_face_away_are_told(stub, capsys, monkeypatch, normal, opti
 
 def test_only_covered_pixels_count_and_a_sample_of_them_does(stub, capsys, monkeypatch):
     monkeypatch.setattr(stub, "normal", (0, 0, 1))
-    monkeypatch.setattr("splatcl.cli.render.MAX_SAMPLES", 100)
+    monkeypatch.setattr("splatcl.cli.commands.render.MAX_SAMPLES", 100)
     assert AWAY in render(stub, capsys, monkeypatch, sheet(1), "--size 90x70")[1]
 
 

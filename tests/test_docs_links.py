@@ -1,16 +1,26 @@
-"""Every relative link and picture of every page leads to a file of the repository, every anchor to a heading."""
+"""Every link, picture and anchor of every page leads somewhere, every path exists, every command's options do too."""
 
 from __future__ import annotations
 
 import re
+import shlex
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import unquote
 
+import pytest
+from cyclopts import CycloptsError
+
+from splatcl.cli import app
+
 ROOT = Path(__file__).resolve().parent.parent
 LINK = re.compile(r"\]\(<?([^()\s>]+)>?(?: \"[^\"]*\")?\)|<(?:img|a)\b[^>]*\b(?:src|href)=\"([^\"]+)\"")
 OUTSIDE = re.compile(r"[a-z][a-z0-9+.-]*:|//")
+
+PATH = re.compile(r"(?<![\w./{-])(?:(?:splatcl|kernels|docs|tests|examples|reference_images)/[\w./-]*\w|\.ci/\w+)")
+ELSEWHERE = ("CHANGELOG.md", "reference_images/scans/README.md")
+"""Pages with paths of earlier versions or of other repositories."""
 
 
 def tracked(root: Path) -> set[str]:
@@ -56,8 +66,37 @@ def broken(root: Path) -> Iterator[str]:
                 yield f"{name}: {target}"
 
 
+def lost_paths(root: Path) -> Iterator[str]:
+    """Yield `page: path` for every path in a page's text that the repository does not have."""
+    files = tracked(root)
+    for name in sorted(file for file in files if file.endswith(".md") and file not in ELSEWHERE):
+        text = re.sub(r"\]\([^)]*\)", "]", (root / name).read_text())
+        for path in PATH.findall(text):
+            if path.removesuffix("/") not in files:
+                yield f"{name}: {path}"
+
+
+def commands(page: Path) -> list[list[str]]:
+    """Return the words after `splatcl` of every `$ splatcl` of a page, without what follows # or |."""
+    blocks = re.findall(r"^```console\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    return [shlex.split(re.split(r"[#|]", line)[0])[2:] for line in lines if line.startswith("$ splatcl ")]
+
+
 def test_every_link_leads_somewhere():
     assert list(broken(ROOT)) == []
+
+
+def test_every_path_exists():
+    assert list(lost_paths(ROOT)) == []
+
+
+def test_every_command_can_be_parsed():
+    pages = [ROOT / name for name in sorted(tracked(ROOT)) if name.endswith(".md")]
+    every = [words for page in pages for words in commands(page)]
+    assert len(every) > 30
+    for words in every:
+        app.parse_args(words, exit_on_error=False, print_error=False)
 
 
 def test_every_picture_is_shown_on_a_page():
@@ -67,7 +106,7 @@ def test_every_picture_is_shown_on_a_page():
 
 
 def test_wrong_links_are_found(tmp_path):
-    """Mutation: each of the links of this page but the first five."""
+    """The first five links of this page are right. Mutation: `inside = True`."""
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "page.md").write_text(
@@ -81,3 +120,23 @@ def test_wrong_links_are_found(tmp_path):
     wrong = ["page.md", "docs/none.png", "docs/page.md#no-heading", "#nothing", "../outside.md", "lost.png"]
     wrong += ["docs/PAGE.md", "docs/page.md#again-2"]
     assert list(broken(tmp_path.resolve())) == [f"README.md: {target}" for target in wrong]
+
+
+def test_lost_paths_are_found(tmp_path):
+    """Mutation: of `PATH`, the first group; links have a test of their own."""
+    subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
+    (tmp_path / "kernels" / "passes").mkdir(parents=True)
+    (tmp_path / "kernels" / "passes" / "bin.cl").write_text("")
+    (tmp_path / "README.md").write_text(
+        "kernels/passes/bin.cl, `kernels/passes/`, kernels/hide.cl. `tests/test_gone.py` [x](docs/x.md) .ci/lost\n"
+    )
+    wrong = ["kernels/hide.cl", "tests/test_gone.py", ".ci/lost"]
+    assert list(lost_paths(tmp_path.resolve())) == [f"README.md: {path}" for path in wrong]
+
+
+def test_wrong_commands_are_found(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("```console\n$ splatcl render a.ply --azimut 3  # no such option\n$ make demo\n```\n")
+    assert commands(page) == [["render", "a.ply", "--azimut", "3"]]
+    with pytest.raises(CycloptsError):
+        app.parse_args(commands(page)[0], exit_on_error=False, print_error=False)

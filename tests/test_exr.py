@@ -14,7 +14,7 @@ import pytest
 from splatcl import Camera, RenderSettings, SplatclError
 from splatcl.errors import FileError
 from splatcl.frame import Frame
-from splatcl.io.exr import read_exr, world_to_camera, world_to_ndc, write_exr
+from splatcl.io.exr import read_exr, world_to_camera, world_to_ndc
 
 UINT_CHANNELS = ["count", "particleid"]
 FLOAT_CHANNELS = [
@@ -208,7 +208,7 @@ def test_a_failing_write_keeps_the_old_file(tmp_path, monkeypatch):
     (tmp_path / "a.exr").write_bytes(b"old")
     monkeypatch.setattr(OpenEXR, "File", Failing)
     with pytest.raises(FileError, match=r"a\.exr: cannot write: Failed to write"):
-        write_exr(tmp_path / "a.exr", make_frame())
+        make_frame().save(tmp_path / "a.exr")
     assert [p.name for p in tmp_path.iterdir()] == ["a.exr"] and (tmp_path / "a.exr").read_bytes() == b"old"
 
 
@@ -224,7 +224,7 @@ def test_a_full_disk_is_noticed_at_every_size(tmp_path, monkeypatch, size):
     monkeypatch.setattr("splatcl.io.exr.atomic_path", full_disk)
     noise = np.random.default_rng(0).random((size, size, 4), dtype=np.float32)
     with pytest.raises(OSError, match="No space left"):
-        write_exr(tmp_path / "a.exr", make_frame({"color": noise}))
+        make_frame({"color": noise}).save(tmp_path / "a.exr")
 
 
 def test_foreign_files_are_read_without_camera(tmp_path):

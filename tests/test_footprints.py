@@ -9,6 +9,9 @@ from scenes import CAMERAS, extended
 from tolerances import BOX_SLACK, MARGIN_UNITS
 
 from splatcl import Camera, RenderSettings, Splats, oracle
+from splatcl.oracle.geometry.discs import Discs
+from splatcl.oracle.geometry.ellipses import Ellipses, cover
+from splatcl.oracle.project import project
 
 
 def one_disc(tilt=0.7, radius=(0.05, 0.02)):
@@ -66,13 +69,13 @@ def test_conic_footprint_is_the_ray_casts_at_the_contour(renderer):
     """At the cutoff contour both are the projected disc ([ZRB04] section 3), to rounding."""
     splats, camera = extended("random_ellipses", 9), CAMERAS["outside"]
     settings = RenderSettings(0.1, footprint="conic", prefilter="none")
-    projected = oracle.project(splats, camera, settings)
-    discs = oracle._discs(projected, camera)
-    ellipses = oracle._ellipses(projected, discs, camera, settings)
+    projected = project(splats, camera, settings)
+    discs = Discs.of(projected, camera)
+    ellipses = Ellipses.of(projected, discs, camera, settings)
     for angle in np.linspace(0, 2 * np.pi, 7):
         rim = projected.center_eye + np.cos(angle) * projected.tangent_u_eye + np.sin(angle) * projected.tangent_v_eye
         s = np.concatenate([rim[:, :2] / rim[:, 2:], np.ones((len(rim), 1))], axis=1)
-        r_squared = oracle._within(ellipses, False, camera, s).r_squared
+        r_squared = cover(ellipses, False, camera, s).r_squared
         good = ellipses.usable & (discs.kappa < 1e3)
         np.testing.assert_allclose(r_squared[good], 1.0, atol=1e-9)
     conic = renderer.render(splats, camera, settings)
@@ -88,7 +91,7 @@ def test_conic_boxes_are_exact(device, prefilter):
     settings = RenderSettings(0.1, footprint="conic", prefilter=prefilter)
     splats, camera = extended("random_ellipses", 12), CAMERAS["outside"]
     records, _ = DevicePasses(device, splats, camera, settings).project()
-    projected = oracle.project(splats, camera, settings)
+    projected = project(splats, camera, settings)
     angle = np.linspace(0, 2 * np.pi, 3000, endpoint=False)
     circle = np.stack([np.cos(angle), np.sin(angle)])
     checked = 0

@@ -87,16 +87,16 @@ def no_front(monkeypatch):
     monkeypatch.setattr(bin_pass, "FRONT_THICKNESS", -1e30)
 
 
-def read_clues(passes, tile_size):
-    """Yield a tile's first pixel, its records, their attributes and their clues."""
+def read_keys(passes, tile_size):
+    """Yield a tile's first pixel, its records, their attributes and their keys."""
     device, own = passes.device, passes.passes
     for lists in bin_pass.bin(own, passes.view, passes.splats):
-        clues = device.read(lists.keys, (lists.start + lists.begin[-1],), np.int32)[lists.start :]
+        keys = device.read(lists.keys, (lists.start + lists.begin[-1],), np.int32)[lists.start :]
         records, attributes = passes.read(lists)
         for k in range(lists.last_tile - lists.first_tile):
             run = slice(*lists.begin[k : k + 2])
             y, x = divmod(lists.first_tile + k, own.tiles_x)
-            yield x * tile_size, y * tile_size, records[run], attributes[run], clues[run]
+            yield x * tile_size, y * tile_size, records[run], attributes[run], keys[run]
 
 
 def fragments_of(records, attributes, x, y, settings, projection):
@@ -127,7 +127,7 @@ def test_no_fragment_is_nearer_or_elsewhere_than_its_clue_says(device, no_front,
         tile_size, footprint, prefilter, _ = DISCS[seed % len(DISCS)]
         settings = any_settings(rng, precision, footprint, prefilter)
         passes = DevicePasses(device, any_discs(rng, camera), camera, settings, tile_size)
-        for left, top, records, attributes, clues in read_clues(passes, tile_size):
+        for left, top, records, attributes, keys in read_keys(passes, tile_size):
             y, x = (axis.ravel() for axis in np.mgrid[top : top + tile_size, left : left + tile_size])
             inside = (x < camera.width) & (y < camera.height)
             x, y = x[inside], y[inside]
@@ -136,12 +136,12 @@ def test_no_fragment_is_nearer_or_elsewhere_than_its_clue_says(device, no_front,
             real = records["z"].dtype.type
             exists, z = fragments_of(records, attributes, real(x), real(y), settings, projection)
             drawn &= exists & (z >= camera.near) & (z <= camera.far)
-            first_x, last_x, first_y, last_y = (clues >> shift & 3 for shift in (0, 2, 4, 6))
+            first_x, last_x, first_y, last_y = (keys >> shift & 3 for shift in (0, 2, 4, 6))
             quarter_x, quarter_y = (x - left) // (tile_size // 4), (y - top) // (tile_size // 4)
             named = (quarter_x >= first_x[:, None]) & (quarter_x <= last_x[:, None])
             named &= (quarter_y >= first_y[:, None]) & (quarter_y <= last_y[:, None])
             assert not (drawn & ~named).any(), seed
-            near_z = (clues & 0x7FFFFF00).view(np.float32)
+            near_z = (keys & 0x7FFFFF00).view(np.float32)
             assert not (drawn & (z < near_z[:, None]))[near_z > 0].any(), seed  # 0: not known
             num_sure += np.count_nonzero(near_z[drawn.any(axis=1)] > 0)
             num_fragments += np.count_nonzero(drawn)
@@ -152,8 +152,8 @@ def test_a_depth_is_known_of_most_splats(device, no_front):
     """A sphere's splats but for those that are nearly edge-on, to a hundredth of a radius."""
     splats, camera = scene("sphere"), CAMERAS["outside"]
     passes = DevicePasses(device, splats, camera, RenderSettings(epsilon=0.0))
-    for _, _, records, _, clues in read_clues(passes, 16):
-        near_z = (clues & 0x7FFFFF00).view(np.float32)
+    for _, _, records, _, keys in read_keys(passes, 16):
+        near_z = (keys & 0x7FFFFF00).view(np.float32)
         center_z = (splats.center @ camera.eye_from_world[2, :3] + camera.eye_from_world[2, 3])[records["id"]]
         known = near_z > 0
         reach = (np.abs(splats.tangent_u) + np.abs(splats.tangent_v)).sum(axis=1)[records["id"]]

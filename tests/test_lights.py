@@ -11,9 +11,10 @@ from scenes import CAMERAS, EPSILON, random_ellipses, sphere
 from test_shade import both, make_sums, one_disc
 from tolerances import ENVIRONMENT, LIGHTMAP_PHONG, LIGHTMAP_SINGLE, SHADED_DOUBLE, SPECULAR_EDGE
 
-from splatcl import Camera, Light, Material, RenderSettings, oracle
+from splatcl import Camera, Light, Material, RenderSettings
 from splatcl.cli import MISTAKE
 from splatcl.errors import SettingsError
+from splatcl.oracle.lightmap import light_sums
 from splatcl.scene.lights import environment_lights
 
 __all__ = ["stub"]  # a fixture
@@ -120,7 +121,7 @@ def test_an_even_environment_lights_every_normal_alike():
     normal = np.random.default_rng(0).normal(size=(50, 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     camera = Camera(np.eye(4), 1, 1, 0, 0, 1, 1)
-    diffuse, _ = oracle.gathered(normal, camera, RenderSettings(lights=lights))
+    diffuse, _ = light_sums(normal, camera, RenderSettings(lights=lights))
     np.testing.assert_allclose(diffuse, 1.0, atol=ENVIRONMENT)
 
 

@@ -29,6 +29,7 @@ from tolerances import (
 )
 
 from splatcl import Camera, RenderSettings, oracle
+from splatcl.oracle.project import project
 
 # ---- footprint
 
@@ -105,7 +106,7 @@ def test_ground_disc_through_the_eye_plane_shows_its_visible_part(z):
     assert 100 < np.count_nonzero(hit) < hit.size / 2
     assert_array_equal(np.isfinite(image["Z"]), hit)
     assert_allclose(image["Z"][hit], depth[hit], rtol=ORACLE_RELATIVE)
-    bounds = oracle.project(discs(((0, 1, z), (0, 0, 2), (2, 0, 0))), view, RenderSettings()).bounds
+    bounds = project(discs(((0, 1, z), (0, 0, 2), (2, 0, 0))), view, RenderSettings()).bounds
     assert_array_equal(np.isinf(bounds), True)
 
 
@@ -252,7 +253,7 @@ def test_prefilter_about_the_projected_bounds():
     edges = [f * u * cosine / (2 + u * sine) + 16.5 for u in (-1, 1)]
     for choice, x in [("projected", 16.5), ("bounds", sum(edges) / 2)]:
         chosen = RenderSettings(prefilter_center=choice)
-        projected = oracle.project(discs(row), camera(), chosen)
+        projected = project(discs(row), camera(), chosen)
         assert_allclose(projected.prefilter_center, [[x, 16.5]], rtol=ORACLE_RELATIVE)
         assert_allclose(projected.center_raster, [[16.5, 16.5]], rtol=ORACLE_RELATIVE)
         assert_allclose(projected.bounds[0, [0, 2]], edges, rtol=ORACLE_RELATIVE)
@@ -269,9 +270,9 @@ def test_prefilter_about_the_projected_bounds():
 
 def test_prefilter_about_infinite_bounds_is_absent():
     splats = discs(((0, 1, 0.5), (0, 0, 2), (2, 0, 0)))
-    projected = oracle.project(splats, camera(), RenderSettings(prefilter_center="bounds"))
+    projected = project(splats, camera(), RenderSettings(prefilter_center="bounds"))
     assert np.isnan(projected.prefilter_center).all()
-    assert np.isfinite(oracle.project(splats, camera(), RenderSettings()).prefilter_center).all()
+    assert np.isfinite(project(splats, camera(), RenderSettings()).prefilter_center).all()
 
 
 # ---- facing
@@ -291,7 +292,7 @@ def test_facing(projection):
         assert not image["count"].any()
         assert np.isinf(image["Z"]).all()
         assert render(discs(facing_disc()), view, facing="cull", prefilter=prefilter)["count"].any()
-    projected = oracle.project(discs(away, facing_disc()), view, RenderSettings(facing="cull"))
+    projected = project(discs(away, facing_disc()), view, RenderSettings(facing="cull"))
     assert_array_equal(projected.culled, [True, False])
     assert projected.bounds[0, 0] > projected.bounds[0, 2]
 
@@ -304,8 +305,8 @@ def test_facing_is_decided_at_the_splat_by_its_plane():
     assert normal @ row[0] > 0 > normal[2]
     for projection, culled in [("perspective", True), ("orthographic", False)]:
         view = camera(33, 8.0, projection=projection)
-        assert oracle.project(discs(row), view, RenderSettings(facing="cull")).culled[0] == culled
-        flipped = oracle.project(discs(row), view, RenderSettings(facing="flip")).normal_eye[0]
+        assert project(discs(row), view, RenderSettings(facing="cull")).culled[0] == culled
+        flipped = project(discs(row), view, RenderSettings(facing="flip")).normal_eye[0]
         assert_allclose(flipped, (-1 if culled else 1) * normal / np.linalg.norm(normal))
 
 

@@ -22,6 +22,9 @@ from tolerances import (
 )
 
 from splatcl import RenderSettings, oracle
+from splatcl.oracle.bin import bin
+from splatcl.oracle.buffers import NOTHING
+from splatcl.oracle.project import project
 
 # ---- bounds and tiles
 
@@ -54,13 +57,13 @@ def test_bounds_are_the_rims_extremes(projection, seed):
     view = camera(16, 12.0, cx=3.0, fy=9.0, near=0.01, projection=projection)
     splats = random_splats(rng, 1, size=0.5, z=(0.0, 3.0))
     row = splats.center[0], splats.tangent_u[0], splats.tangent_v[0]
-    bounds = oracle.project(splats, view, RenderSettings(prefilter="none")).bounds[0]
+    bounds = project(splats, view, RenderSettings(prefilter="none")).bounds[0]
     reach = math.hypot(row[1][2], row[2][2])
     if row[0][2] - reach > 0.05 or (projection == "orthographic" and row[0][2] > 0.05):
         expected = rim_extremes(view, *row)
         size = (expected[2:] - expected[:2]).max()
         assert_allclose(bounds, expected, atol=BOUNDS_RELATIVE * size, rtol=0)
-        conic = oracle.project(splats, view, RenderSettings(footprint="conic", prefilter="none")).bounds[0]
+        conic = project(splats, view, RenderSettings(footprint="conic", prefilter="none")).bounds[0]
         assert_allclose(conic, expected, atol=BOUNDS_RELATIVE * size, rtol=0)
     elif projection == "perspective" and row[0][2] - reach <= 0:
         assert_array_equal(bounds, [-np.inf, -np.inf, np.inf, np.inf])
@@ -74,10 +77,10 @@ def test_bounds_include_the_prefilter_and_exclude_what_cannot_be_seen():
         facing_disc(9.0, 1.0),
         ((0, 0, 2), (0, 1, 0), (0, 0, 1)),  # edge-on: the pre-filter only
     ]
-    projected = oracle.project(discs(*rows), camera(far=8.0), RenderSettings())
+    projected = project(discs(*rows), camera(far=8.0), RenderSettings())
     assert_allclose(projected.bounds[0], [15.5, 15.5, 17.5, 17.5])
     assert_allclose(projected.bounds[1], [12.5, 15.5, 20.5, 17.5])
-    assert_array_equal(projected.bounds[2:4], [oracle.NOTHING] * 2)
+    assert_array_equal(projected.bounds[2:4], [NOTHING] * 2)
     assert_allclose(projected.bounds[4], [15.5, 15.5, 17.5, 17.5])
     assert_array_equal(np.isnan(projected.center_raster[:, 0]), [False, False, True, False, False])
 
@@ -99,8 +102,8 @@ def test_bounds_and_tiles_contain_every_fragment(projection, settings_):
     view = camera(29, f, width=23, near=0.2, projection=projection)
     splats = random_splats(np.random.default_rng(3), 60, size=0.15)
     chosen = RenderSettings(**settings_)
-    projected = oracle.project(splats, view, chosen)
-    tiles = oracle.bin(projected, view, 8)
+    projected = project(splats, view, chosen)
+    tiles = bin(projected, view, 8)
     assert len(tiles) == 4 * 3
     total = 0
     for k in range(len(splats)):
@@ -129,5 +132,5 @@ def test_a_tile_is_reached_at_its_pixel_centres():
                 splats = discs(((0, center[0], 1), (2.0**-5, 0, 0), (0, t_v[0], 0)))
             else:
                 view = camera(33, 32.0, cx=0.0, cy=0.5)
-            tiles = oracle.bin(oracle.project(splats, view, RenderSettings(prefilter="none")), view, 16)
+            tiles = bin(project(splats, view, RenderSettings(prefilter="none")), view, 16)
             assert [k for k in range(9) if len(tiles[k])] == where, (x_min, x_max, turned)

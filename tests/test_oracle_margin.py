@@ -26,6 +26,9 @@ from tolerances import (
 )
 
 from splatcl import Camera, RenderSettings, Splats, oracle
+from splatcl.oracle.geometry.rays import OFFSET_ERROR
+from splatcl.oracle.project import project
+from splatcl.oracle.visibility import visibility
 
 # ---- the margin
 
@@ -39,7 +42,7 @@ def with_noise(rng, splats, view):
     moved = splats.center + np.eye(3)[2] * z * noise * rng.uniform(-1, 1, z.shape)
     if view.projection == "perspective":
         moved = splats.center * (moved[:, 2:] / z)
-    moved[:, :2] += oracle.OFFSET_ERROR * noise * pixel * rng.uniform(-1, 1, (len(splats), 2))
+    moved[:, :2] += OFFSET_ERROR * noise * pixel * rng.uniform(-1, 1, (len(splats), 2))
     tangents = [
         t + noise * np.linalg.norm(t, axis=1, keepdims=True) * rng.uniform(-1, 1, t.shape)
         for t in (splats.tangent_u, splats.tangent_v)
@@ -126,7 +129,7 @@ def test_margin_of_depth_decisions(projection):
     assert_allclose(image["margin"], min(epsilon_margin, identity_margin), rtol=1e-3)
     two = render(layers.take([0, 2]), view, epsilon=0.3)
     assert_allclose(two["margin"], epsilon_margin, rtol=1e-3)
-    depth = oracle.visibility(oracle.project(layers, view, RenderSettings()), view, RenderSettings())
+    depth = visibility(project(layers, view, RenderSettings()), view, RenderSettings())
     assert_allclose(depth.margin, identity_margin, rtol=1e-3)
     assert (depth.depth_margin > 1e6).all()
     alone = render(layers.take([0]), view, epsilon=0.0)
@@ -191,7 +194,7 @@ def test_margin_predicts_flips(projection, choices):
             ever_flipped[-1] |= flipped
             assert (image["margin"][flipped] < NOISE_MARGIN * NOISE_UNITS).all(), seed
             # A splat that turns around must have warned the pixels that it touches.
-            before, after = (oracle.project(s, view, chosen) for s in (splats, noisy))
+            before, after = (project(s, view, chosen) for s in (splats, noisy))
             turned = (before.culled != after.culled) | ((before.normal_eye * after.normal_eye).sum(axis=1) < 0)
             for k in np.flatnonzero(turned):
                 alone = oracle.render(splats.take([k]), view, dataclasses.replace(chosen, facing="keep"))

@@ -22,6 +22,7 @@ from tolerances import (
 )
 
 from splatcl import RenderSettings, oracle
+from splatcl.oracle.geometry.rays import EDGE_ON
 
 UNIT = {"single": 2.0**-24, "double": 2.0**-53}
 SETTINGS = {
@@ -105,7 +106,7 @@ def cosines(p, camera):
 
 def edge_on(p, camera):
     """(N,) bool surely edge-on, (N,) bool surely not."""
-    return cosines(p, camera) < 0.9 * oracle.EDGE_ON, cosines(p, camera) > 1.1 * oracle.EDGE_ON
+    return cosines(p, camera) < 0.9 * EDGE_ON, cosines(p, camera) > 1.1 * EDGE_ON
 
 
 def slack(p, camera):

@@ -147,7 +147,7 @@ def test_settings_of_another_version_are_refused(frame, tmp_path, monkeypatch):
     import splatcl.io.exr as exr
 
     describe = exr._describe
-    monkeypatch.setattr(exr, "_describe", lambda frame: describe(frame).replace('"cutoff"', '"warp"'))
+    monkeypatch.setattr(exr, "_describe", lambda *a: describe(*a).replace('"cutoff"', '"warp"'))
     frame.save(tmp_path / "new.exr")
     with pytest.raises(SettingsError, match=r"new\.exr: settings of another version of splatcl: no warp"):
         read_frame(tmp_path / "new.exr")

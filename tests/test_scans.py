@@ -21,6 +21,8 @@ from tolerances import (
 
 from splatcl import Camera, RenderSettings, oracle
 from splatcl.io.read import read
+from splatcl.oracle.buffers import NO_SPLAT
+from splatcl.oracle.project import project
 
 ROOT = Path(__file__).resolve().parents[1]
 BUNDLED = ROOT / "reference_images" / "scans"
@@ -54,7 +56,7 @@ def oracle_by_tiles(splats, camera, settings):
     `margin` leaves out which of several splats is front-most, `id_margin` is of that alone.
     """
     epsilon = oracle.auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon
-    x_min, y_min, x_max, y_max = oracle.project(splats, camera, settings).bounds.T
+    x_min, y_min, x_max, y_max = project(splats, camera, settings).bounds.T
     whole = None
     for y in range(0, camera.height, TILE):
         for x in range(0, camera.width, TILE):
@@ -64,7 +66,7 @@ def oracle_by_tiles(splats, camera, settings):
             ids = np.flatnonzero(near_x & near_y)
             window = replace(camera, cx=camera.cx - x, cy=camera.cy - y, width=width, height=height)
             part = oracle.passes(splats.take(ids), window, settings, epsilon)
-            front = np.append(ids, oracle.NO_SPLAT)  # the last for no splat
+            front = np.append(ids, NO_SPLAT)  # the last for no splat
             part["particleid"] = front[np.minimum(part["particleid"], len(ids))]
             if whole is None:
                 whole = {k: np.zeros((camera.height, camera.width, *v.shape[2:]), v.dtype) for k, v in part.items()}

@@ -10,7 +10,9 @@ from passes import DevicePasses
 from scenes import CAMERAS, SIZE, frames, random_ellipses
 from tolerances import SHADED_DOUBLE, SHADED_SINGLE, SPECULAR_EDGE
 
-from splatcl import Camera, Light, Material, RenderSettings, Splats, oracle
+from splatcl import Camera, Light, Material, RenderSettings, Splats
+from splatcl.oracle.buffers import DepthBuffer, GBuffer
+from splatcl.oracle.shade import shade
 
 SHAPE = SIZE["height"], SIZE["width"]
 VIEWS = ["off_center", "orthographic", "inside"]
@@ -52,9 +54,9 @@ def make_sums(seed=0):
 def expected(sums, camera, settings):
     """Return what the oracle makes of the sums, contours at the settings' own epsilon."""
     exact = {name: array.astype(np.float64) for name, array in sums.items()}
-    depth = oracle.DepthBuffer(exact.pop("depth"), *[np.zeros(SHAPE)] * 3)
-    gbuffer = oracle.GBuffer(**exact, count=np.zeros(SHAPE), margin=np.zeros(SHAPE))
-    return oracle.shade(gbuffer, depth, camera, settings, None, settings.epsilon)
+    depth = DepthBuffer(exact.pop("depth"), *[np.zeros(SHAPE)] * 3)
+    gbuffer = GBuffer(**exact, count=np.zeros(SHAPE), margin=np.zeros(SHAPE))
+    return shade(gbuffer, depth, camera, settings, settings.epsilon)
 
 
 def both(device, camera, settings, sums):

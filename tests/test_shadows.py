@@ -22,6 +22,8 @@ from tolerances import (
 from splatcl import Camera, Frame, Light, Material, RenderSettings, Splats, oracle
 from splatcl.errors import SettingsError, SplatclError
 from splatcl.io.exr import read_exr
+from splatcl.oracle.shadow import lookup, shadow_maps
+from splatcl.oracle.supersampling import enlarged
 from splatcl.scene.lights import Npr
 
 CASTING = (
@@ -45,9 +47,9 @@ def test_shadows_are_the_oracles(renderer, camera_name, precision):
     units, scale = (MARGIN_UNITS, 1.0) if precision == "single" else (DOUBLE_UNITS, 2.0**-29)
     covered = want["weight"] > 0
     sure = covered & (want["margin"] > units)
-    maps = oracle.shadow_maps(splats, settings, EPSILON)
+    maps = shadow_maps(splats, settings, EPSILON)
     for channel, shadow_map in enumerate(maps[:3]):
-        look = oracle.lookup(shadow_map, want["P"], camera)
+        look = lookup(shadow_map, want["P"], camera)
         certain = (look.gap > scale * SHADOW_GAP) & (look.edge > scale * SHADOW_TEXELS) & (look.margin > units)
         assert np.count_nonzero(sure & ~certain) <= SHADOWED_EITHER * np.count_nonzero(covered)
         assert 0.04 < (look.share[covered] < 0.5).mean() < 0.5
@@ -181,7 +183,7 @@ def test_a_frame_with_its_splats_is_lit_again_with_shadows(renderer, tmp_path):
 def test_supersampled_shadows_are_those_of_the_large_image(renderer):
     """One map for all windows: a frame of 2x2 samples is the mean of one that is twice as large."""
     splats, camera, settings = random_ellipses(num=60), CAMERAS["off_center"], SETTINGS
-    large = renderer.render(splats, oracle.enlarged(camera, 2), settings).color.astype(np.float64)
+    large = renderer.render(splats, enlarged(camera, 2), settings).color.astype(np.float64)
     mean = large.reshape(camera.height, 2, camera.width, 2, 4).mean(axis=(1, 3))
     got = renderer.render(splats, camera, replace(settings, supersampling=2))
     np.testing.assert_allclose(got.color, mean, atol=SHADOWED_SINGLE)

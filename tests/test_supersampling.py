@@ -16,6 +16,7 @@ from splatcl import Camera, Frame, Material, RenderSettings, SplatclError, Splat
 from splatcl.io.png import to_srgb8
 from splatcl.opencl.session import _draw
 from splatcl.opencl.supersampling import MIN_SAMPLES, blocks, box_filtered, supersampled
+from splatcl.oracle.supersampling import averaged, enlarged
 from splatcl.scene.camera import MAX_SIZE
 
 __all__ = ["stub"]  # a fixture
@@ -58,7 +59,7 @@ def test_windows_have_the_bits_of_one_large_image(
     """Mutation: first_row left out of ray_y, of bin's pixels, of pixels_of, of visibility's or attributes' place."""
     settings, camera = replace(SETTINGS, along="ray", precision=precision), small(camera_name)
     renderer = renderer_with(tile_size=tile_size)
-    large = renderer.render(scene(scene_name), oracle.enlarged(camera, n), settings)
+    large = renderer.render(scene(scene_name), enlarged(camera, n), settings)
     assert (large["count"] > 0).any()
     render, drawn = windows(renderer, scene(scene_name), settings)
     got = supersampled(camera, n, render, margin, samples)
@@ -86,7 +87,7 @@ def test_windows_of_other_methods(renderer, method):
     """Mutation: `column` and `row` of weighted.h not in the window."""
     settings, camera = RenderSettings(method=method, epsilon=EPSILON), small("off_center")
     splats = rich() if method == "botsch04" else scene("random_ellipses")
-    large = renderer.render(splats, oracle.enlarged(camera, 2), settings)
+    large = renderer.render(splats, enlarged(camera, 2), settings)
     render, drawn = windows(renderer, splats, settings)
     got = supersampled(camera, 2, render, samples=300)
     assert len(drawn) > 5 and (large["count"] > 0).any()
@@ -99,7 +100,7 @@ def test_a_render_is_the_large_image_filtered(renderer, camera_name):
     splats, camera = scene("sphere"), CAMERAS[camera_name]
     frame = renderer.render(splats, camera, replace(SETTINGS, supersampling=3))
     assert (frame.width, frame.height, frame.camera) == (camera.width, camera.height, camera)
-    assert_same_bits(frame, box_filtered(renderer.render(splats, oracle.enlarged(camera, 3), SETTINGS), 3))
+    assert_same_bits(frame, box_filtered(renderer.render(splats, enlarged(camera, 3), SETTINGS), 3))
 
 
 def test_rows_longer_than_the_largest_image(renderer):
@@ -165,7 +166,7 @@ def samples_of(rng, height, width, n):
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_pixels_are_the_oracle_s_averages(n):
     samples = samples_of(np.random.default_rng(n), 11, 13, n)
-    got, want = box_filtered(samples, n), oracle.averaged(samples, n)
+    got, want = box_filtered(samples, n), averaged(samples, n)
     assert list(got) == list(samples)
     for name, image in got.items():
         assert image.dtype == samples[name].dtype

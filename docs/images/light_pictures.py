@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatcl import Camera, Light, Material, RenderSettings, Splats, read, render
-from splatcl.scene.lights import environment_lights
+from splatcl import Camera, Light, Material, RenderSettings, Splats, environment_lights, read, render
 
 FOLDER = Path(__file__).parent
 BUNNY = FOLDER.parents[1] / "reference_images" / "scans" / "bunny.pts"
