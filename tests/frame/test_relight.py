@@ -98,8 +98,8 @@ def test_only_shading_can_be_changed(frame):
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        (RenderSettings(method="botsch04"), "shading='fragment' lit each fragment before it was blended"),
-        (RenderSettings(method="botsch03"), "shading='splat' lit each splat before it was blended"),
+        (RenderSettings(method="botsch04"), "shading='fragment' lit each fragment before blending; render it again"),
+        (RenderSettings(method="botsch03"), "shading='splat' lit each splat before blending; render it again"),
         (RenderSettings(supersampling=2), "supersampling=2 averaged its surface; render it again"),
     ],
 )
