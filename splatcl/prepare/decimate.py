@@ -30,16 +30,16 @@ NUM_CORNERS = 32
 def decimate(splats: Splats, error: float, *, angle: float = ANGLE, fields: bool = False) -> Splats:
     """Cover splats with fewer, larger ones.
 
-    Every centre lies within `error` of the plane of an output splat whose ellipse holds its projection, and whose
+    Every center lies within `error` of the plane of an output splat whose ellipse holds its projection, and whose
     normal is within `angle` of its own. The ellipse holds the projection of its whole disc too, so that discs without
-    holes become ellipses without holes. Colours and attributes are means by area of all that is under an ellipse.
+    holes become ellipses without holes. Colors and attributes are means by area of all that is under an ellipse.
 
     Parameters
     ----------
     splats : Splats
         Where their normals' signs mean nothing, those are ignored.
     error : float
-        Largest distance of a covered centre from the plane, scene units.
+        Largest distance of a covered center from the plane, scene units.
     angle : float
         Largest angle of a covered normal to the splat's, degrees, up to 60.
     fields : bool
@@ -77,7 +77,7 @@ def _surface(splats: Splats, error: float, angle: float) -> Surface:
 
 
 def _ellipses(splats: Splats, surface: Surface, patches: Patches) -> Splats:
-    """Return a splat for each patch: its plane halfway between the lowest and the highest centre."""
+    """Return a splat for each patch: its plane halfway between the lowest and the highest center."""
     first, ids = patches.begin[:-1], patches.ids
     rows = np.repeat(np.arange(len(patches)), np.diff(patches.begin))
     normal = surface.normal[patches.seed]
@@ -128,14 +128,14 @@ def _bounding_ellipses(
     area : (P,) float64 array
         Weights of the discs.
     place : (2, P) float64 array
-        The discs' centres in the plane of their ellipse.
+        The discs' centers in the plane of their ellipse.
     axes : (2, 2, P) float64 array
         Their half axes there: [t, f] is component f of axis t.
 
     Returns
     -------
     middle : (2, N) float64 array
-        Centres.
+        Centers.
     half : (2, 2, N) float64 array
         Half axes, the longer first, turning the same way as the frame.
     """

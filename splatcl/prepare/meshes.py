@@ -52,7 +52,7 @@ def splats_from_mesh(
     max_size : float
         Triangles whose ellipse is longer than this share of the bounding box's diagonal are halved.
     on_invalid : {"error", "drop"}
-        What to do with triangles that have a non-finite or huge corner or colour.
+        What to do with triangles that have a non-finite or huge corner or color.
     notes : iterable of str
         Sentences to put before the ones about the conversion.
 
@@ -169,7 +169,7 @@ def invalid_triangles(
 
 
 def _corners(vertices: Any, faces: Any, color: Any, normals: Any, per_face: bool | None) -> tuple[Any, Any, Any]:
-    """Return (F, 3, 3) float64 corners, their (F, 3, 3) colours and (F, 3) summed normals, or None."""
+    """Return (F, 3, 3) float64 corners, their (F, 3, 3) colors and (F, 3) summed normals, or None."""
     points, faces = _floats("vertices", vertices), np.asarray(faces)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidSplatsError(f"vertices have shape {points.shape}; it must be (V, 3)")
@@ -197,7 +197,7 @@ def _corners(vertices: Any, faces: Any, color: Any, normals: Any, per_face: bool
 
 def _floats(name: str, value: Any) -> NDArray[np.float64]:
     try:
-        with np.errstate(invalid="ignore"):  # signalling NaN
+        with np.errstate(invalid="ignore"):  # signaling NaN
             return np.asarray(value, np.float64)
     except (TypeError, ValueError) as error:
         raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None

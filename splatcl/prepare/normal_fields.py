@@ -1,7 +1,7 @@
 """Linear normal fields: how a splat's normal turns over its disc, from the normals around it ([BSK04]).
 
 The normal at (u, v) of a disc is normalize(n + u n_du + v n_dv). A normal m seen over the disc therefore asks for
-the slope m / (m.n) - n, which is tangential: so are n_du and n_dv, and the field is n at the centre. On a
+the slope m / (m.n) - n, which is tangential: so are n_du and n_dv, and the field is n at the center. On a
 paraboloid these slopes are linear in u and v and the fit is exact; on any smooth surface the error is of the third
 order in the disc's radius.
 """
@@ -23,7 +23,7 @@ from splatcl.scene.splats import Splats
 from splatcl.util.progress import stage
 
 NUM_NEIGHBORS = 12
-"""Nearest neighbours that a field is estimated from: about two rings."""
+"""Nearest neighbors that a field is estimated from: about two rings."""
 MIN_COSINE = 0.5
 """Normals that turn by more than 60 degrees are of another side, or across an edge."""
 MAX_HEIGHT = 0.5
@@ -31,32 +31,32 @@ MAX_HEIGHT = 0.5
 MIN_NORMALS = 3
 """Fewer normals than this make no field."""
 MIN_SPREAD = 1e-3
-"""Normals (nearly) along a line through the centre make no field: least 4 det / trace^2 of their (u, v) moments."""
+"""Normals (nearly) along a line through the center make no field: least 4 det / trace^2 of their (u, v) moments."""
 CHUNK = 32768
-"""Splats of which the neighbours are held at a time."""
+"""Splats of which the neighbors are held at a time."""
 BALL_CHUNK = 1024
 """Splats of which the points over them are held at a time."""
 
 
 def normal_fields(splats: Splats, num_neighbors: int = NUM_NEIGHBORS) -> Splats:
-    """Estimate the normal field of each splat from its neighbours' normals.
+    """Estimate the normal field of each splat from its neighbors' normals.
 
-    A least squares fit over the nearest neighbours on the same side of the surface (normals within 60 degrees; their
+    A least squares fit over the nearest neighbors on the same side of the surface (normals within 60 degrees; their
     signs are ignored where they mean nothing), in disc coordinates, with weights exp(-2 d^2 / D^2) that fall off with
-    the distance d; D is the farthest neighbour's.
+    the distance d; D is the farthest neighbor's.
 
     Parameters
     ----------
     splats : Splats
         A field that they have is replaced.
     num_neighbors : int
-        Nearest neighbours of a splat that are looked at, at least 3.
+        Nearest neighbors of a splat that are looked at, at least 3.
 
     Returns
     -------
     Splats
         The same with `normal_du` and `normal_dv`, tangential, world space. Zero (the normal is constant) where
-        fewer than three neighbours are usable or all lie along a line.
+        fewer than three neighbors are usable or all lie along a line.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def fit_normal_fields(splats: Splats, points: ArrayLike, normals: ArrayLike) -> 
     -------
     Splats
         The same with `normal_du` and `normal_dv`, tangential, world space. Zero where fewer than three points lie
-        over a splat, or all along a line through its centre.
+        over a splat, or all along a line through its center.
 
     Raises
     ------
@@ -146,7 +146,7 @@ def fit_normal_fields(splats: Splats, points: ArrayLike, normals: ArrayLike) -> 
 def disc_coordinates(
     splats: Splats, rows: NDArray[np.integer[Any]], offset: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (P,) u and v of points at (P, 3) offsets from the centres of the splats `rows`, projected along n."""
+    """Return (P,) u and v of points at (P, 3) offsets from the centers of the splats `rows`, projected along n."""
     tangent_u, tangent_v = splats.tangent_u.astype(np.float64), splats.tangent_v.astype(np.float64)
     across = np.cross(tangent_u, tangent_v)
     across /= np.einsum("ni,ni->n", across, across)[:, None]
@@ -224,7 +224,7 @@ def _balls(splats: Splats, tree: Any) -> Iterator[tuple[Any, NDArray[np.intp], N
 
 
 def _local(splats: Splats, points: NDArray[Any]) -> NDArray[np.float64]:
-    """Return points relative to the first splat's centre: a survey's large coordinates cost no precision."""
+    """Return points relative to the first splat's center: a survey's large coordinates cost no precision."""
     origin = splats.center[0] if len(splats) else np.zeros(3)
     return points.astype(np.float64) - origin.astype(np.float64)
 

@@ -41,7 +41,7 @@ class Surface:
     normal: NDArray[np.float64]  # (N, 3)
     area: NDArray[np.float64]  # (N,), |t_u x t_v|, square scene units
     oriented: bool
-    tree: Any  # of the centres
+    tree: Any  # of the centers
     error: float  # scene units
     angle: float  # radians
 

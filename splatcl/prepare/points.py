@@ -1,4 +1,4 @@
-"""Estimate splats for points: normals from the nearest neighbours, tangent axes from the Voronoi cell.
+"""Estimate splats for points: normals from the nearest neighbors, tangent axes from the Voronoi cell.
 
 A disc must cover its point's Voronoi cell in the tangent plane, or the surface has holes. Each disc is
 therefore (nearly) the least ellipse about its point that contains the cell.
@@ -20,7 +20,7 @@ from splatcl.scene.splats import MAX_MAGNITUDE, OnInvalid, Splats
 
 NUM_NEIGHBORS = 20
 SPACING_NEIGHBOR = 6
-"""A point's spacing is its distance to this neighbour: about the ring of direct neighbours on a surface."""
+"""A point's spacing is its distance to this neighbor: about the ring of direct neighbors on a surface."""
 REACH = 1.75
 """A Voronoi vertex farther than this many spacings lies beyond the surface's boundary, not in a gap of it."""
 MARGIN = 1.05
@@ -37,7 +37,7 @@ REASONS = (
     "a non-finite coordinate",
     "a coordinate beyond 1e15",
     "a zero or non-finite normal",
-    "a non-finite colour",
+    "a non-finite color",
     "a radius that is not positive",
 )
 
@@ -65,7 +65,7 @@ def splats_from_points(
     radius : (N,) or scalar float array, optional
         Makes circular discs of these radii, scene units. Estimated where omitted.
     num_neighbors : int
-        Nearest neighbours that an estimate is made from, at least 3.
+        Nearest neighbors that an estimate is made from, at least 3.
     on_invalid : {"error", "drop"}
         What to do with unusable points.
     notes : iterable of str
@@ -143,7 +143,7 @@ def _tangents(arrays: dict[str, NDArray[Any]], num_neighbors: int) -> tuple[NDAr
     # Near the origin, so that a survey's large coordinates cost no precision.
     local = points.astype(np.float64) - points.mean(axis=0, dtype=np.float64)
     tangents, used = _estimate(local, normals, num_neighbors)
-    what = [] if normals is not None else [f"normals (PCA, {used} neighbours)"]
+    what = [] if normals is not None else [f"normals (PCA, {used} neighbors)"]
     if radius is not None:
         with np.errstate(invalid="ignore"):
             tangents *= (radius / np.linalg.norm(tangents, axis=2))[..., None]
@@ -156,11 +156,11 @@ def _tangents(arrays: dict[str, NDArray[Any]], num_neighbors: int) -> tuple[NDAr
 def _estimate(
     points: NDArray[np.float64], normals: NDArray[np.float64] | None, num_neighbors: int
 ) -> tuple[NDArray[np.float64], int]:
-    """Return (2, N, 3) tangent axes and how many neighbours they were estimated from."""
+    """Return (2, N, 3) tangent axes and how many neighbors they were estimated from."""
     places, (tree, spacing, nearest) = points, _tree(points)
-    order = tree.indices  # neighbouring points follow each other, which makes searches twice as fast
+    order = tree.indices  # neighboring points follow each other, which makes searches twice as fast
     if len(points) > 1 and not nearest.min() > 0:
-        places = np.unique(points, axis=0)  # points at one place are no neighbours of each other
+        places = np.unique(points, axis=0)  # points at one place are no neighbors of each other
         tree, spacing, _ = _tree(places)
     num_neighbors = min(num_neighbors, len(places) - 1)
     tangents = np.empty((2, len(points), 3))
@@ -188,7 +188,7 @@ def _estimate(
 
 
 def _pca_normals(offsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (N, 3) unit normals of the planes through (3, K, N) neighbours, given relative to their points.
+    """Return (N, 3) unit normals of the planes through (3, K, N) neighbors, given relative to their points.
 
     The sign is fixed: the largest component is positive.
     """
@@ -239,7 +239,7 @@ def _cross(a: Any, b: Any) -> list[Any]:
 
 
 def _tree(points: NDArray[np.float64]) -> tuple[Any, NDArray[np.float64], NDArray[np.float64]]:
-    """Return a search tree and (N,) distances to the `SPACING_NEIGHBOR`th and to the nearest neighbour."""
+    """Return a search tree and (N,) distances to the `SPACING_NEIGHBOR`th and to the nearest neighbor."""
     from scipy.spatial import KDTree
 
     tree: Any = KDTree(points)

@@ -14,15 +14,15 @@ MAX_ASPECT = 4.0
 NUM_ITERATIONS = 6
 """Steps toward the least ellipse; any number covers the cell, more are slightly tighter."""
 MIN_DISTANCE = 1e-6
-"""Neighbours nearer than this share of `reach` are at the point's own place."""
+"""Neighbors nearer than this share of `reach` are at the point's own place."""
 MAX_DISTANCE = 100.0
-"""Neighbours farther than this many times `reach` have no part in the cell."""
+"""Neighbors farther than this many times `reach` have no part in the cell."""
 SURROUNDED = -2.0
-"""Cotangent of the widest angle between two neighbours that the surface is sure to fill: 153 degrees."""
+"""Cotangent of the widest angle between two neighbors that the surface is sure to fill: 153 degrees."""
 PARALLEL = 1e-5
 """Sine of the angle between two edges of a cell below which rounding alone decides whether and where they meet."""
 MIN_FLATNESS = 0.7
-"""A neighbour is of another sheet of the surface where less than this share of its distance is in-plane."""
+"""A neighbor is of another sheet of the surface where less than this share of its distance is in-plane."""
 
 
 def tangent_frame(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -54,7 +54,7 @@ def covering_ellipse(
     Parameters
     ----------
     offsets : (3, K, N) float64 array
-        Neighbours relative to their points, the nearest first, scene units, none zero.
+        Neighbors relative to their points, the nearest first, scene units, none zero.
     frame : (2, 3, N) float64 array
         Orthonormal tangents.
     reach : (N,) float array
@@ -68,7 +68,7 @@ def covering_ellipse(
     """
     duals, nearest = _duals(offsets, frame, reach)
     corners = _cell_corners(*duals)
-    # No corner within reach (a lone point, or points along a line): half the way to the nearest neighbour.
+    # No corner within reach (a lone point, or points along a line): half the way to the nearest neighbor.
     lonely = ~corners.any(axis=(0, 1))
     corners[:, :, lonely] = 1.0
     axes = _least_ellipse(*corners) * reach
@@ -79,10 +79,10 @@ def covering_ellipse(
 def _duals(
     offsets: NDArray[np.float64], frame: NDArray[np.float64], reach: NDArray[np.floating[Any]]
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return (2, K, N) duals w of the cells' edges and the (N,) distances of the nearest neighbours.
+    """Return (2, K, N) duals w of the cells' edges and the (N,) distances of the nearest neighbors.
 
-    The cell is where w.x <= 1 for every neighbour, x in units of `reach`: with q the neighbour's place in
-    the plane at its true distance, w = 2 q / |q|^2. Neighbours off the plane have w = 0, no edge.
+    The cell is where w.x <= 1 for every neighbor, x in units of `reach`: with q the neighbor's place in
+    the plane at its true distance, w = 2 q / |q|^2. Neighbors off the plane have w = 0, no edge.
     """
     distance = np.sqrt(_dot(offsets, offsets))
     flat = np.stack([_dot(offsets, axis) for axis in frame])
@@ -106,7 +106,7 @@ def _cell_corners(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.
 
     The cell is the polar dual of the hull of the duals. Two hull vertices a, b that follow each other meet
     in the corner c with a.c = b.c = 1; where the directions skip a hull vertex, c is only farther out.
-    A corner beyond reach is drawn in to it where the neighbours surround the point; at the surface's
+    A corner beyond reach is drawn in to it where the neighbors surround the point; at the surface's
     boundary the feet a / |a|^2 of its two edges stand in for it. Unused rows are zero.
     """
     support = _support(x, y)
@@ -137,7 +137,7 @@ def _support(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.int32
     maximum of the opposite direction. Ten times as fast as argmax; lengths within 4e-6 may be taken for equal.
     """
     bits = np.int32((1 << (len(x) - 1).bit_length()) - 1)
-    number = np.arange(len(x), dtype=np.int32)[::-1, None]  # the nearest neighbour where several are as far
+    number = np.arange(len(x), dtype=np.int32)[::-1, None]  # the nearest neighbor where several are as far
     half = NUM_DIRECTIONS // 2
     support = np.empty((NUM_DIRECTIONS, x.shape[1]), np.int32)
     for direction in range(half):
@@ -152,7 +152,7 @@ def _support(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.int32
 
 
 def _least_ellipse(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return (2, 2, N) half axes of nearly the least origin-centred ellipses that hold (C, N) points."""
+    """Return (2, 2, N) half axes of nearly the least origin-centerd ellipses that hold (C, N) points."""
     xx, xy, yy = x * x, x * y, y * y
     weight = (xx + yy > 0).astype(np.float32)
     weight /= weight.sum(axis=0)

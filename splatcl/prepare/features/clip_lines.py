@@ -40,7 +40,7 @@ def clip_lines(splats: Splats, pairs: ArrayLike, convex: ArrayLike | None = None
     Returns
     -------
     Splats
-        The same in the same order with `clip`: float64 rows (a, b, c) with |(a, b)| = 1, so that c is the centre's
+        The same in the same order with `clip`: float64 rows (a, b, c) with |(a, b)| = 1, so that c is the center's
         distance from the line in disc coordinates. A splat keeps the two lines that cut deepest; the notes count
         lines that could not be kept, pairs of parallel planes and splats of which nothing is left.
 
@@ -107,9 +107,9 @@ def cut_depth(lines: Array, clip: Array) -> Array:
     Parameters
     ----------
     lines : (N, 3) float64 array
-        Normalised lines.
+        Normalized lines.
     clip : (N, 2, 3) float64 array
-        Normalised lines that the discs are cut off by already; zeros cut nothing.
+        Normalized lines that the discs are cut off by already; zeros cut nothing.
 
     Returns
     -------
@@ -157,7 +157,7 @@ def keep_deepest(
     owner : (L,) int array
         The splat of each line.
     lines : (L, 3) float64 array
-        Normalised lines.
+        Normalized lines.
     num : int
         Number of splats.
     needed : callable, optional

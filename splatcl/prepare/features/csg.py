@@ -19,7 +19,7 @@ Array = NDArray[Any]
 Piece = tuple[bool, dict[int, bool]]
 """A part of a disc: whether its normal is the surface's own, and on which side of other surfaces it is."""
 STEPS = 6
-"""Newton steps from a disc's centre to where another surface crosses its plane."""
+"""Newton steps from a disc's center to where another surface crosses its plane."""
 CROSSING = 0.05
 """A surface crosses a disc's plane if these steps end nearer to it than this, in disc coordinates."""
 MAX_CROSSING = 4
@@ -68,7 +68,7 @@ def csg_splats(solid: Solid, spacing: float) -> Splats:
     solid : Solid
         Made by `box`, `sphere` and `cylinder`, and ``|``, ``&`` and ``-``. No two of its surfaces may coincide.
     spacing : float
-        Largest distance of neighbouring centres on a surface, scene units; well below the radii of the curved
+        Largest distance of neighboring centers on a surface, scene units; well below the radii of the curved
         surfaces.
 
     Returns
@@ -137,7 +137,7 @@ def _of_surface(solid: Solid, which: int, spacing: float) -> tuple[Splats, tuple
 
 
 def _surroundings(solid: Solid, which: int, discs: Discs) -> tuple[Array, Array, Array]:
-    """Return (S, N) whether centres are inside of each surface, and (S, N, 3) `lines` and (S, N) `sag` of `_crossing`.
+    """Return (S, N) whether centers are inside of each surface, and (S, N, 3) `lines` and (S, N) `sag` of `_crossing`.
 
     A disc's own surface crosses it nowhere.
     """
@@ -199,7 +199,7 @@ def _pieces(solid: Solid, which: int, inside: Array, crosses: Array) -> list[Pie
     which : int
         The disc's surface.
     inside, crosses : (S,) bool array
-        Whether the disc's centre is inside of each surface, and whether the surface crosses the disc.
+        Whether the disc's center is inside of each surface, and whether the surface crosses the disc.
     """
     others = [int(k) for k in np.flatnonzero(crosses)]
 

@@ -117,7 +117,7 @@ class _Parts:
     """Parts of faces."""
 
     corners: Array  # (T, 3, 3)
-    color: Array  # (T, 3, 3), or (T, 3, 0) without colours
+    color: Array  # (T, 3, 3), or (T, 3, 0) without colors
     face: Array  # (T,)
 
     def __len__(self) -> int:
@@ -187,7 +187,7 @@ def _near(center: Array, radius: Array, edges: SharpEdges) -> tuple[Array, Array
 
 
 def _disc_coordinates(offset: Array, tangent_u: Array, tangent_v: Array) -> Array:
-    """Return (N, 2) u and v of places relative to the discs' centres, seen along the discs' normals."""
+    """Return (N, 2) u and v of places relative to the discs' centers, seen along the discs' normals."""
     return np.stack([(offset * t).sum(axis=1) / (t * t).sum(axis=1) for t in (tangent_u, tangent_v)], axis=1)
 
 

@@ -17,7 +17,7 @@ Array = NDArray[Any]
 Flags = Sequence[Any]
 """Whether a place is inside of each surface of a solid: bools or arrays of them."""
 Discs = tuple[Array, Array, Array]
-"""Centres and tangents, (N, 3) float64; the normal u x v points out of the surface."""
+"""Centers and tangents, (N, 3) float64; the normal u x v points out of the surface."""
 OVERLAP = 1.05
 """Discs are larger by this than the least that covers their part of a surface."""
 
