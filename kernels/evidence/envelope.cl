@@ -41,7 +41,7 @@ INLINE disc_outcome disc_at(const envelope_settings *f, global const NearbySplat
   const intersection m = intersection_at(f->view, s, b);
   const scales e = scales_of(f->view, s, b, &m, f->offset_error);
   const reals error = f->unit * e.z, inverse = magnitude(m.inverse);
-  const outcome met = both(decided(m.inside, f->unit * e.inside), decided(m.weight_range, error));
+  const outcome met = both(decided(m.inside, f->unit * e.inside), decided(m.range, error));
   disc_outcome d = {together(f, s, b, s->usable, met),
             m.z - error, m.z + error, m.size * inverse, f->unit * (e.inside * inverse)};
   return d;

@@ -50,7 +50,7 @@ def uses_of_the_public_names(root):
     for path in modules(root):
         above = path.relative_to(root / "splatcl").parts[0] in ("apps", "cli", "__init__.py", "__main__.py")
         for node in [] if above else ast.walk(ast.parse(path.read_text())):
-            names = {alias.name for alias in getattr(node, "names", ())}
+            names = {alias.name for alias in node.names} if isinstance(node, ast.Import | ast.ImportFrom) else set()
             if isinstance(node, ast.Import) and "splatcl" in names:
                 found.append(path.name)
             if isinstance(node, ast.ImportFrom) and node.module == "splatcl" and names & {*splatcl.__all__}:
@@ -95,7 +95,7 @@ def test_a_deliberate_upward_import_and_a_circle_are_found(copy):
 def test_every_pass_has_its_four_places(copy):
     assert missing_places(ROOT) == []
     (copy / "splatcl/opencl/passes/blur.py").write_text("")
-    assert missing_places(copy) == sorted(place.format("blur") for place in HOME)
+    assert missing_places(copy) == sorted(place.format("blur") for place in HOME[1:])
     (copy / "splatcl/opencl/passes/blur.py").unlink()
     (copy / "tests/passes/test_visibility.py").unlink()
     assert missing_places(copy) == ["tests/passes/test_visibility.py"]
