@@ -19,7 +19,7 @@ from splatcl.frame import Frame
 from splatcl.io.exr import read_exr
 from splatcl.opencl.passes import bin as bin_pass
 
-NAMES = ["splats", "binning", "fragments", "constant colour", "repetition"]
+NAMES = ["splats", "binning", "fragments", "constant color", "repetition"]
 VIEW = CAMERAS["outside"], RenderSettings(epsilon=EPSILON)
 
 
@@ -216,7 +216,7 @@ def test_a_colour_off_by_one_bit_is_seen(renderer, monkeypatch):
         rewrite(passes.device, gbuffer.color_sum, (passes.num_pixels, 3), passes.real, change)
 
     spoiled(monkeypatch, "attributes", next_number)
-    assert failures(frame) == ["constant colour"]
+    assert failures(frame) == ["constant color"]
 
 
 def test_another_image_is_seen(renderer):

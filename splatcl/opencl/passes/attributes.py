@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from splatcl.opencl.state.buffers import Band, Channels, GBuffer
-from splatcl.opencl.state.context import PER_FRAGMENT, PassContext
+from splatcl.opencl.state.context import PER_FRAGMENT, PassContext, shader_header
 from splatcl.opencl.state.lights import shading_structs
 from splatcl.opencl.state.upload import AttributeGroup
 
@@ -56,7 +56,7 @@ def _run_channels(context: PassContext, band: Band, values: Any, images: Images)
         "FIELD": 0,
         "SHADING": 0,
         "CHANNELS": 1,
-        "SHADER": '"shading/shaders/albedo.h"',
+        "SHADER": shader_header("albedo"),
     }
     _run_attributes(context, band, values, nothing, *images, nothing, nothing, **options)
 

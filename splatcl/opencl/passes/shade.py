@@ -14,7 +14,7 @@ from splatcl.opencl.device.strictness import Device
 from splatcl.opencl.passes import user_shader
 from splatcl.opencl.passes.lightmap import lightmap
 from splatcl.opencl.state.buffers import Channels, Raster, Shadows, Surface
-from splatcl.opencl.state.context import PassContext
+from splatcl.opencl.state.context import PassContext, shader_header
 from splatcl.opencl.state.lights import light_options, shading_structs
 from splatcl.opencl.state.upload import PHONG_ATTRIBUTES
 from splatcl.scene.settings import RenderSettings
@@ -95,7 +95,7 @@ def _run_shade(context: PassContext, kernel: str, *args: Any, **options: int) ->
     # A user's shader runs in its own kernel. Forward shading blends shaded colors, so only albedo remains.
     shader = "albedo" if settings.shader == "user" or settings.shading != "deferred" else settings.shader
     options = {"GLOSS": 0, **light_options(settings), **options}
-    context.run(kernel, size, *args, SHADER=f'"shading/shaders/{shader}.h"', **options)
+    context.run(kernel, size, *args, SHADER=shader_header(shader), **options)
 
 
 def _sums(raster: Raster) -> tuple[Any, ...]:

@@ -1,8 +1,8 @@
-"""The records between the passes, on the device: this module alone states each one's shapes.
+"""Records between the passes, on the device: the shape, space and unit of each buffer, once.
 
-oracle/buffers.py has their float64 twins. In the shapes, N is the number of splats, T the number of a band's tiles and
-E the number of its entries. H and W are the image's height and width. `real` is float32 or float64, as the settings'
-precision says. A field of type `Any` is an OpenCL buffer.
+oracle/buffers.py has the twins. N splats, an image of H x W pixels, a band of T tiles with E entries. Eye space is x
+right, y down, z forward, in scene units; raster space is in pixels (docs/specification.md). `real` is float32 or
+float64, as the settings' precision says. A field of type `Any` is an OpenCL buffer; device/structs.py has its structs.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Channels = Mapping[str, tuple[Any, int]]
-"""For each splat attribute by name: an (H, W, 3) real image, and the channel (0 to 2) with the blended attribute."""
+"""By the name of a splat attribute: the (H, W, 3) real image that holds its mean, and the channel, 0 to 2."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class ProjectedSplats:
 
     records: Any  # (E,) ProjectedSplat, tile order
     attributes: Any  # (E,) SplatAttributes
-    boxes: Any  # (E, 4) int16 x_min y_min x_max y_max of what the splat can cover, whole pixels, ends included
+    boxes: Any  # (E, 4) int16 x_min y_min x_max y_max of footprint and pre-filter, whole pixels, ends included
     disc_near_z: Any  # (E,) real, eye z that no fragment of the disc is nearer than; NaN: no pixels, or other layer
     near_z: Any  # (E,) real, eye z that no fragment is nearer than; NaN: no pixels, or not projected
     extra: Any  # (E,) ProjectedExtra; empty if no build option needs it
@@ -49,21 +49,21 @@ class ProjectedSplats:
 
 @dataclass(frozen=True)
 class DepthBuffer:
-    """Output of the visibility pass at each pixel."""
+    """Output of the visibility pass."""
 
-    depth: Any  # (H, W) real, eye-space z of the front-most disc, scene units; +inf where none
-    particleid: Any  # (H, W) uint32 index of that splat; 0xFFFFFFFF where none
+    depth: Any  # (H, W) real eye z of the front-most splat, scene units; +inf where no footprint covers the pixel
+    particleid: Any  # (H, W) uint32 index of that splat; 0xFFFFFFFF where there is none
 
 
 @dataclass(frozen=True)
 class GBuffer:
-    """Sums over the fragments accumulated at each pixel."""
+    """Output of the attribute pass: sums over the fragments accumulated at each pixel."""
 
-    weight_sum: Any  # (H, W) real
-    color_sum: Any  # (H, W, 3) real, linear RGB
-    normal_sum: Any  # (H, W, 3) real, eye space
+    weight_sum: Any  # (H, W) real, of w
+    color_sum: Any  # (H, W, 3) real, of w color, linear RGB
+    normal_sum: Any  # (H, W, 3) real, of w n, eye space
     depth_sum: Any  # (H, W) real, of w z, scene units
-    count: Any  # (H, W) uint32 fragments
+    count: Any  # (H, W) uint32 number of fragments
 
 
 @dataclass(frozen=True)
@@ -90,19 +90,19 @@ class Raster:
 
 @dataclass(frozen=True)
 class Surface:
-    """AOVs to shade."""
+    """Surface points to shade, one per pixel."""
 
     position: Any  # (H, W, 3) real, P, eye space, scene units
-    normal: Any  # (H, W, 3) real, N, unit, eye space
+    normal: Any  # (H, W, 3) real, N, unit, eye space; 0 where it is undefined
     albedo: Any  # (H, W, 3) real, linear RGB
-    weight: Any  # (H, W) real, above 0 where there is a surface
+    weight: Any  # (H, W) real, w; > 0 where there is a surface
     channels: Channels = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Shadows:
-    """Shadow maps of a frame."""
+    """Visibility passes from the lights."""
 
-    maps: Any  # (L,) ShadowMap, one for each light that casts shadows
-    depths: Any  # each map's (size, size) real in turn: depth along the light's z, scene units; +inf where none
-    bias: tuple[float | None, ...]  # of each of the frame's lights, scene units; None: the light casts no shadow
+    maps: Any  # (L,) ShadowMap, one for each light with shadows
+    depths: Any  # the maps' (size, size) real one after another, scene units along the light's z
+    bias: tuple[float | None, ...]  # of each light, scene units along the light's z; None for one without shadows

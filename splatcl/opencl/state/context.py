@@ -29,6 +29,11 @@ EVERY, FRONT, BEHIND = 0, 1, 2
 """Layers of a tile's list: every entry; the entries near the tile's nearest; the others that these do not occlude."""
 
 
+def shader_header(shader: str) -> str:
+    """Return the value of the build option SHADER: the header of `shader` in kernels/."""
+    return f'"shading/shaders/{shader}.h"'
+
+
 class PassContext:
     """Device, camera, settings and tile grid of one frame's passes.
 
@@ -58,7 +63,7 @@ class PassContext:
             "PREFILTER": PREFILTERS[settings.prefilter],
             "FIELD": int(settings.normals == "field"),
             "SHADING": SHADING[settings.shading],
-            "SHADER": f'"shading/shaders/{"albedo" if settings.shading == "deferred" else settings.shader}.h"',
+            "SHADER": shader_header("albedo" if settings.shading == "deferred" else settings.shader),
         }
         # Back-face culling already removes most hidden splats of a closed surface, so layers would not pay.
         self.layers = (EVERY,) if settings.facing == "cull" else (FRONT, BEHIND)
