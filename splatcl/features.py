@@ -1,4 +1,4 @@
-"""Sharp features: splats that clip lines cut off at edges ([ZRB04]). docs/features.md shows each way to make them."""
+"""Sharp features: splats that clip lines cut off at edges ([ZRB04]). docs/guide/features.md shows how to make them."""
 
 from splatcl.prepare.features.clip_lines import clip_lines
 from splatcl.prepare.features.csg import csg_splats, cube

@@ -139,7 +139,7 @@ class Frame(Mapping[str, NDArray[Any]]):
     def shade(
         self, settings: RenderSettings | None = None, *, renderer: Session | None = None, **changes: Any
     ) -> Frame:
-        """Return this frame lit and shaded anew from its AOVs, without its splats (docs/shaders.md).
+        """Return this frame lit and shaded anew from its AOVs, without its splats (docs/guide/shaders.md).
 
         A frame of `render` gets the same bits as a fresh render with the same settings, also after it was saved as
         .exr and loaded, but for double precision, which the file rounds.

@@ -1,4 +1,4 @@
-"""Conservation: what goes into a render and what comes out of it must add up, exactly (docs/probe.md)."""
+"""Conservation: what goes into a render and what comes out of it must add up, exactly (docs/trust/probe.md)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BEYOND_DOUBT = 32.0
 """Margin, in rounding errors, from which a float32 renderer decides as the oracle does (tests/tolerances.py)."""
 SPLATS_AT_ONCE = 1 << 18
 TARGET_TYPES = {"float16": np.float16, "float32": np.float32}
-ONE_LANE: dict[str, Any] = {"LANES": 1, "SHADING": 0, "FIELD": 0, "CHANNELS": 0, "SHADER": '"albedo.h"'}
+ONE_LANE: dict[str, Any] = {"LANES": 1, "SHADING": 0, "FIELD": 0, "CHANNELS": 0, "SHADER": '"shading/shaders/albedo.h"'}
 """Build options of kernels that take a splat and a pixel at a time, and only ask whether there is a fragment."""
 CHUNK = 4096
 """Records whose fragments a work-item counts."""
@@ -129,7 +129,7 @@ def _check_splats(survivors: Array, splats: Splats, camera: Camera, settings: Re
     left_out = np.setdiff1d(np.arange(len(splats)), survivors)
     for start in range(0, len(left_out), SPLATS_AT_ONCE):
         part = splats.take(left_out[start : start + SPLATS_AT_ONCE])
-        projected = oracle.project(part, camera, settings)
+        projected = oracle.project.project(part, camera, settings)
         first, last = np.ceil(projected.bounds[:, :2] - 0.5), np.floor(projected.bounds[:, 2:] - 0.5)
         size = np.array([camera.width, camera.height])
         touches = (np.maximum(first, 0) <= np.minimum(last, size - 1)).all(axis=1)
@@ -153,9 +153,9 @@ def _check_splats(survivors: Array, splats: Splats, camera: Camera, settings: Re
 
 def _is_drawn(splat: Splats, camera: Camera, settings: RenderSettings) -> bool:
     """Whether the oracle draws a single splat at some pixel beyond doubt."""
-    projected = oracle.project(splat, camera, settings)
-    depth = oracle.visibility(projected, camera, settings)
-    gbuffer = oracle.attributes(projected, depth, camera, settings, 0.0, splat.color)
+    projected = oracle.project.project(splat, camera, settings)
+    depth = oracle.visibility.visibility(projected, camera, settings)
+    gbuffer = oracle.attributes.attributes(projected, depth, splat, camera, settings, 0.0)
     margin = np.minimum(depth.margin, gbuffer.margin)
     return bool(((gbuffer.count > 0) & (margin > BEYOND_DOUBT)).any())
 

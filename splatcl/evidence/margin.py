@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl import oracle
 from splatcl.evidence.host import margin as host
 from splatcl.evidence.nearby import NearbySplats, double_context, draws_discs, has_strict_double, nearby, world_splats
 from splatcl.opencl.session import Session, UploadedSplats
 from splatcl.opencl.state.context import PIXEL_GROUP, PassContext
+from splatcl.oracle.geometry.rays import OFFSET_ERROR
 from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 
@@ -50,6 +50,6 @@ def _run_margin(context: PassContext, view: Any, band: NearbySplats, epsilon: fl
         size, group, region = size * context.tile_size**2, PIXEL_GROUP, 1
     context.run(
         "margin", (size,), view, band.records, band.tile_begin, band.first_tile, band.first_entry, context.tiles_x,
-        oracle.OFFSET_ERROR, float(epsilon), context.settings.along == "ray", *outputs, group=group, REGION=region,
+        OFFSET_ERROR, float(epsilon), context.settings.along == "ray", *outputs, group=group, REGION=region,
         CENTER_LOW=0,
     )  # fmt: skip

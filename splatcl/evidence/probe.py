@@ -210,7 +210,7 @@ def _margins(
     if not num:
         return []
     settings = replace(settings, circular=False)  # the uploaded splats are circles already
-    projected = oracle.project(uploaded.splats.take(ids), camera, settings)
+    projected = oracle.project.project(uploaded.splats.take(ids), camera, settings)
     ray = ((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, 1.0)
     one = np.zeros(1, np.int64)
     pairs = Pairs(one, one, np.arange(num), np.zeros(num, np.int64), np.tile(ray, (num, 1)))

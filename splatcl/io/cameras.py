@@ -1,4 +1,4 @@
-"""Camera files: JSON with intrinsics and extrinsics, axes named (docs/cameras.md)."""
+"""Camera files: JSON with intrinsics and extrinsics, axes named (docs/guide/cameras.md)."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     Parameters
     ----------
     path : path
-        JSON as docs/cameras.md says.
+        JSON as docs/guide/cameras.md says.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Supersampling: n x n samples a pixel, drawn window by window and box-filtered (docs/supersampling.md)."""
+"""Supersampling: n x n samples a pixel, drawn window by window and box-filtered (docs/guide/supersampling.md)."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def box_filtered(samples: Aovs, n: int) -> dict[str, NDArray[Any]]:
 
 
 def _filtered(name: str, samples: Aovs, n: int) -> NDArray[Any]:
-    """Return the AOV `name` of the pixels; which rule each follows is in docs/supersampling.md."""
+    """Return the AOV `name` of the pixels; which rule each follows is in docs/guide/supersampling.md."""
     values = samples[name]
     if name == "Z":
         return _least(values, n)

@@ -33,7 +33,7 @@ def paper(
     quick : bool
         Render images of half the size, under a minute once the kernels are built.
     docs : path
-        Folder for paper.md and its images, in place of --output. It needs all experiments.
+        Folder for trust/paper.md and images/paper_*.png, in place of --output. It needs all experiments.
     """
     import splatcl
     from splatcl.apps.paper.catalogue import chosen
@@ -56,4 +56,4 @@ def paper(
         write_docs(docs, results)
     else:
         write_folder(output, results)
-    print(f"wrote {docs / 'paper.md' if docs else output / 'index.md'}")
+    print(f"wrote {docs / 'trust' / 'paper.md' if docs else output / 'index.md'}")

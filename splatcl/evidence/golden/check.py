@@ -35,7 +35,7 @@ def digest(aovs: Mapping[str, NDArray[Any]]) -> Hashes:
 
 
 def one_hash(hashes: Hashes) -> str:
-    """Return the SHA-256 of all the hashes of a scene, as docs/reproducibility.md has it."""
+    """Return the SHA-256 of all the hashes of a scene, as docs/trust/reproducibility.md has it."""
     return hashlib.sha256(json.dumps(hashes, sort_keys=True).encode()).hexdigest()
 
 

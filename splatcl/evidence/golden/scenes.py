@@ -2,7 +2,8 @@
 
 The scenes are built with + - * / alone in float64, from an integer hash, so that every machine builds the same
 bits; camera matrices are multiples of 2^-20, so that products with them are exact on the host. The hashes are in
-golden.json; `python -m splatcl.golden` (`make golden`) writes them again. docs/reproducibility.md has the results.
+golden.json; `python -m splatcl.golden` (`make golden`) writes them again. docs/trust/reproducibility.md has
+the results.
 """
 
 from __future__ import annotations

@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl import oracle
 from splatcl.errors import SettingsError
 from splatcl.evidence.host.pairs import MAX_MARGIN, Fragments, Pairs, bands, fragments
-from splatcl.oracle import UNIT
+from splatcl.oracle.buffers import ProjectedSplats
+from splatcl.oracle.geometry.fragments import kernel_weight
+from splatcl.oracle.geometry.rays import UNIT
+from splatcl.oracle.project import project
 from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
@@ -71,7 +73,7 @@ def envelope(
     num_pixels = camera.height * camera.width
     low, high = np.zeros((num_pixels, 8)), np.zeros((num_pixels, 8))  # Z, weight, albedo, N
     low[:, 0] = high[:, 0] = np.inf
-    projected = oracle.project(splats, camera, settings)
+    projected = project(splats, camera, settings)
     color = splats.color.astype(np.float64)
     offset_error = 4.0 * max(camera.width, camera.height)
     for pairs in bands(projected, camera, settings):
@@ -181,7 +183,7 @@ def _pair_weights(f: Fragments, may: _States, settings: RenderSettings, toleranc
     if settings.kernel == "table":
         low, high = _table_range(settings, r_low, r_high)
     else:
-        low, high = oracle._weight(r_high**2, settings), oracle._weight(r_low**2, settings)
+        low, high = kernel_weight(r_high**2, settings), kernel_weight(r_low**2, settings)
     rounding = tolerance * UNIT * (1 + settings.cutoff**2 / 2 + f.scale_factor)
     return low * f.factor * np.maximum(1 - rounding, 0.0), high * np.minimum(f.factor * (1 + rounding), 1 + rounding)
 
@@ -190,7 +192,7 @@ def _normals(
     pairs: Pairs,
     f: Fragments,
     may: _States,
-    projected: oracle.ProjectedSplats,
+    projected: ProjectedSplats,
     settings: RenderSettings,
     tolerance: float,
 ) -> tuple[Array, Array]:
@@ -203,7 +205,7 @@ def _normals(
 
 
 def _field(
-    pairs: Pairs, f: Fragments, may: _States, projected: oracle.ProjectedSplats, tolerance: float
+    pairs: Pairs, f: Fragments, may: _States, projected: ProjectedSplats, tolerance: float
 ) -> tuple[Array, Array]:
     """(K, 3) bounds of fields' normals: where the ray meets the disc, or the centre's where it may miss that."""
     normal, along_u, along_v = (a[pairs.splat] for a in (projected.normal_eye, projected.field_u, projected.field_v))
@@ -223,7 +225,7 @@ def _table_range(settings: RenderSettings, r_low: Array, r_high: Array) -> tuple
     Those at the ends, and of all samples in between, by overlapping runs of a power of two.
     """
     table = np.array(settings.kernel_table)
-    ends = oracle._weight(r_low**2, settings), oracle._weight(r_high**2, settings)
+    ends = kernel_weight(r_low**2, settings), kernel_weight(r_high**2, settings)
     low, high = np.minimum(*ends), np.maximum(*ends)
     rounding = 0.5 if settings.kernel_lookup == "nearest" else 0.0
     first = np.ceil(r_low * (len(table) - 1) - rounding).astype(np.int64)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatcl import oracle
 from splatcl.evidence.host.pairs import MAX_MARGIN, Array, bands, decisions, fragments
+from splatcl.oracle.project import project
 from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
@@ -31,7 +31,7 @@ def margin(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: fl
     """
     shape = (camera.height, camera.width)
     units, raw = np.full(shape[0] * shape[1], MAX_MARGIN), np.full(shape[0] * shape[1], np.inf)
-    projected = oracle.project(splats, camera, settings)
+    projected = project(splats, camera, settings)
     for pairs in bands(projected, camera, settings):
         f = fragments(pairs, projected, camera, settings, epsilon)
         nearest, distance = decisions(pairs, f)

@@ -14,13 +14,17 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl import oracle
-from splatcl.oracle import NO_SPLAT, UNIT
+from splatcl.oracle.buffers import NO_SPLAT, NOTHING, ProjectedSplats
+from splatcl.oracle.geometry.discs import Discs, Hits, disc_bounds, intersect, out_of_range
+from splatcl.oracle.geometry.ellipse_maps import EllipseMaps
+from splatcl.oracle.geometry.ellipses import Coverage
+from splatcl.oracle.geometry.fragments import Footprints
+from splatcl.oracle.geometry.rays import OFFSET_ERROR, TINY, UNIT, ray_length
 from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 
 Array = NDArray[Any]
-Part = TypeVar("Part", oracle._Cover, oracle._Hits)
+Part = TypeVar("Part", Coverage, Hits)
 MAX_MARGIN = 128.0
 """Margins are given up to this many units; what could flip beyond lies outside the pairs evaluated."""
 PAIRS_PER_BAND = 1 << 20
@@ -52,10 +56,10 @@ class Pairs:
 class Fragments:
     """What the oracle's equations say of each pair, (K,) each; margins are signed, in units of 2^-24."""
 
-    disc: oracle._Hits  # of the disc itself, which gives the depth
-    hit: oracle._Cover  # of the visibility pass
-    drawn: oracle._Cover  # of the attribute pass, without the pre-filter "min"; `hit` but for EWA
-    filter: oracle._Cover  # of the pre-filter "min"; margin -inf for none
+    disc: Hits  # of the disc itself, which gives the depth
+    hit: Coverage  # of the visibility pass
+    drawn: Coverage  # of the attribute pass, without the pre-filter "min"; `hit` but for EWA
+    filter: Coverage  # of the pre-filter "min"; margin -inf for none
     center_z: Array
     tolerance: Array  # epsilon along z
     of_ellipses: bool  # a hit's ray may miss the disc; it takes the centre's depth then
@@ -67,7 +71,7 @@ def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
     """(K,) least margin, unsigned, of each pair's decisions, and the (K,) distance it stands for."""
     disc, hit, drawn, filtered = (part.margin >= 0 for part in (f.disc, f.hit, f.drawn, f.filter))
     fragment_z = np.where(disc, f.disc.z, f.center_z)
-    fragment_scale = np.where(disc, f.disc.scale_z, np.abs(f.center_z) + oracle.TINY)
+    fragment_scale = np.where(disc, f.disc.scale_z, np.abs(f.center_z) + TINY)
     z = np.where(hit, fragment_z, np.inf)
     depth = pairs.least(z)[pairs.run]
     front = pairs.least(np.where(hit & (z == depth), pairs.splat, NO_SPLAT))[pairs.run]
@@ -97,37 +101,37 @@ def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
 
 def fragments(
     pairs: Pairs,
-    projected: oracle.ProjectedSplats,
+    projected: ProjectedSplats,
     camera: Camera,
     settings: RenderSettings,
     epsilon: float,
-    offset_error: float = oracle.OFFSET_ERROR,
+    offset_error: float = OFFSET_ERROR,
 ) -> Fragments:
     """Evaluate the oracle's equations at each pair; `offset_error` is that of a projected centre, 2^-24 pixels."""
     own = take(projected, pairs.splat)
     own = replace(own, prefilter_error=np.maximum(own.prefilter_error, offset_error))
-    raster = oracle._Raster.of(own, camera, settings, offset_error)
-    disc = oracle._intersect(raster.discs, camera, pairs.s)
-    hit = drawn = _known(raster.footprint(disc, pairs.s, filtered=False))
+    footprints = Footprints.of(own, camera, settings, offset_error)
+    disc = intersect(footprints.discs, camera, pairs.s)
+    hit = drawn = _known(footprints.coverage(disc, pairs.s, filtered=False))
     nothing = np.zeros(len(pairs.splat))
     factor, scale_factor = nothing + 1, nothing
     if settings.prefilter == "ewa":
-        assert raster.ellipses
-        drawn = _known(raster.footprint(disc, pairs.s, filtered=True))
-        maps = raster.ellipses.maps
-        factor, scale_factor = np.nan_to_num(maps.factor), 8 * (1 + raster.discs.kappa + 1 / maps.rest)
-    absent = oracle._Cover(nothing + np.inf, nothing, nothing, nothing - np.inf)
+        assert footprints.ellipses
+        drawn = _known(footprints.coverage(disc, pairs.s, filtered=True))
+        maps = footprints.ellipses.maps
+        factor, scale_factor = np.nan_to_num(maps.factor), 8 * (1 + footprints.discs.kappa + 1 / maps.rest)
+    absent = Coverage(nothing + np.inf, nothing, nothing, nothing - np.inf)
     tolerance = np.full(len(pairs.splat), epsilon)
     if settings.along == "ray":
-        tolerance /= oracle._ray_length(camera, pairs.s)
+        tolerance /= ray_length(camera, pairs.s)
     return Fragments(
         disc=_known(disc),
         hit=hit,
         drawn=drawn,
-        filter=_known(raster.prefilter(disc, pairs.s)) if settings.prefilter == "min" else absent,
+        filter=_known(footprints.prefilter(disc, pairs.s)) if settings.prefilter == "min" else absent,
         center_z=own.center_eye[:, 2],
         tolerance=tolerance,
-        of_ellipses=raster.ellipses is not None,
+        of_ellipses=footprints.ellipses is not None,
         factor=factor,
         scale_factor=scale_factor,
     )
@@ -138,7 +142,7 @@ def _known(part: Part) -> Part:
     return replace(part, margin=np.where(np.isnan(part.margin), -np.inf, part.margin))
 
 
-def bands(projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> Iterator[Pairs]:
+def bands(projected: ProjectedSplats, camera: Camera, settings: RenderSettings) -> Iterator[Pairs]:
     """Yield the pairs of consecutive bands of rows: each splat with the pixels in its widened bounds."""
     bounds = _wide_bounds(projected, camera, settings)
     x_first, x_last = bounds[:, 0], bounds[:, 2]
@@ -174,11 +178,11 @@ def _expand(splat: Array, x_first: Array, x_last: Array, y_first: Array, y_last:
     return Pairs(pixels, first, splat[which][order], run, s[order])
 
 
-def _wide_bounds(projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> NDArray[np.int64]:
+def _wide_bounds(projected: ProjectedSplats, camera: Camera, settings: RenderSettings) -> NDArray[np.int64]:
     """(N, 4) first x, first y, last x, last y of the pixels a splat touches or nearly touches, in the image."""
     p, radius = projected, settings.prefilter_radius
     square = np.hstack([p.prefilter_point - radius, p.prefilter_point + radius])
-    square[~(p.prefilter_margin > -MAX_MARGIN)] = oracle.NOTHING
+    square[~(p.prefilter_margin > -MAX_MARGIN)] = NOTHING
     covered, slack = (
         _disc_bounds(p, camera) if settings.footprint == "raycast" else _ellipse_bounds(p, camera, settings)
     )
@@ -193,24 +197,24 @@ def _wide_bounds(projected: oracle.ProjectedSplats, camera: Camera, settings: Re
     return np.hstack([first_pixel, last_pixel])
 
 
-def _disc_bounds(p: oracle.ProjectedSplats, camera: Camera) -> tuple[Array, Array]:
+def _disc_bounds(p: ProjectedSplats, camera: Camera) -> tuple[Array, Array]:
     """(N, 4) bounds of the discs; (N, 1) how far beyond, at most, rounding may let them be hit. Pixels."""
-    disc = oracle._disc_bounds(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera)
-    disc[oracle._out_of_range(p, camera)] = oracle.NOTHING
-    kappa = oracle._discs(p, camera).kappa
+    disc = disc_bounds(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera)
+    disc[out_of_range(p, camera)] = NOTHING
+    kappa = Discs.of(p, camera).kappa
     with np.errstate(invalid="ignore"):
         size = (disc[:, 2:] - disc[:, :2]).max(axis=1, initial=0.0)
         slack = np.nan_to_num(size * np.minimum(100.0, MAX_MARGIN * UNIT * (8 + 4 * kappa)), nan=0.0)
     return disc, slack[:, None]
 
 
-def _ellipse_bounds(p: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> tuple[Array, Array]:
+def _ellipse_bounds(p: ProjectedSplats, camera: Camera, settings: RenderSettings) -> tuple[Array, Array]:
     """(N, 4) bounds of the ellipses, filtered or not; (N, 2) how far beyond, across and down, as `_disc_bounds`.
 
     That is not beyond the circles of their long axes.
     """
-    maps = oracle._maps(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera, settings)
-    kappa, unit = oracle._discs(p, camera).kappa, MAX_MARGIN * UNIT
+    maps = EllipseMaps.of(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera, settings)
+    kappa, unit = Discs.of(p, camera).kappa, MAX_MARGIN * UNIT
     bounds = maps.bounds(maps.margin > -MAX_MARGIN)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         half = (bounds[:, 2:] - bounds[:, :2]) / 2
@@ -220,6 +224,6 @@ def _ellipse_bounds(p: oracle.ProjectedSplats, camera: Camera, settings: RenderS
     return bounds, np.nan_to_num(slack, nan=0.0)
 
 
-def take(projected: oracle.ProjectedSplats, ids: Array) -> oracle.ProjectedSplats:
+def take(projected: ProjectedSplats, ids: Array) -> ProjectedSplats:
     """Return the rows `ids` of every field."""
-    return oracle.ProjectedSplats(**{field.name: getattr(projected, field.name)[ids] for field in fields(projected)})
+    return ProjectedSplats(**{field.name: getattr(projected, field.name)[ids] for field in fields(projected)})

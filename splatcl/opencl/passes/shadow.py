@@ -1,4 +1,4 @@
-"""Shadow maps: for each light that casts shadows, one visibility pass from where it is (docs/lights.md)."""
+"""Shadow maps: for each light that casts shadows, one visibility pass from where it is (docs/guide/lights.md)."""
 
 from __future__ import annotations
 
