@@ -1,8 +1,11 @@
-// divide(a, b) and square_root(x), correctly rounded: the runtime's own where it rounds them correctly (OpenCL does
-// not ask it to), else of + - * alone. divide_real and square_root_real are for a single real. Part of arithmetic.h.
+// Provides divide(a, b) and square_root(x), correctly rounded, and divide_real and square_root_real for a single real.
 //
-// ON_POCL  whether this is PoCL, whose sqrt of a vector is a call
-// EXACT_DIVIDE, EXACT_SQRT  1: the runtime's is correctly rounded (splatcl/arithmetic.py finds out), 0: it is not
+// OpenCL does not require correct rounding of either. Where the runtime rounds correctly, these are its own operations.
+// Elsewhere they consist of + - * and bit casts alone.
+//
+// ON_POCL       1 on PoCL, whose sqrt of a vector is a call, else 0
+// EXACT_DIVIDE  1: the runtime's division is correctly rounded, as the device's arithmetic test finds; 0: not
+// EXACT_SQRT    the same of its square root
 
 #include "arithmetic/reals.h"
 #include "arithmetic/exact.h"
@@ -20,7 +23,7 @@
 #define FIRST_LANE(x) ((x).s0)
 #endif
 
-// Ours are long: called, not copied into each place. (Sixteen lanes are no argument of a function.)
+// Our own operations are long, so they are called rather than inlined. (No function takes sixteen lanes.)
 #if LANES < 16
 #define CALLED static __attribute__((noinline))
 #else
@@ -38,7 +41,7 @@ CALLED reals divide_plainly(reals a, reals b);
 
 #if EXACT_SQRT
 #if ON_POCL && LANES == 8 && !DOUBLE && defined(__AVX__)
-// The instruction that PoCL's sqrt holds, less the call: the projection is a quarter faster.
+// The instruction inside PoCL's sqrt, without the call (docs/speed/performance.md).
 typedef float gnu_float8 __attribute__((vector_size(32)));
 #define square_root(x) as_float8(__builtin_ia32_sqrtps256(__builtin_astype((reals)(x), gnu_float8)))
 #else
@@ -54,10 +57,10 @@ CALLED reals square_root_plainly(reals x);
 #if !EXACT_DIVIDE || !EXACT_SQRT
 
 #define FRACTION_BITS (((bits)1 << MANTISSA) - 1)
-#define ULP (DOUBLE ? R(0x1p-52) : R(0x1p-23))  // of numbers in [1, 2), where quotients and roots are formed
+#define ULP (DOUBLE ? R(0x1p-52) : R(0x1p-23))  // of numbers in [1, 2), the range of quotients and roots
 #define NEWTON_STEPS (DOUBLE ? 4 : 3)
 
-// x = significand * 2^exponent with 1 <= significand < 2, for finite x > 0.
+// For finite x > 0: x = significand * 2^exponent with 1 <= significand < 2.
 typedef struct {
   reals significand;
   masks exponent;
@@ -74,7 +77,7 @@ static inline parts split_exponent(reals x)
 
 static inline reals power_of_two(masks e) { return AS_REALS((e + (bits)EXPONENT_BIAS) << (bits)MANTISSA); }
 
-// x * 2^exponent, in two steps as the exponent may be twice a real's; a subnormal result is rounded a second time.
+// x * 2^exponent in two steps, since the exponent may be twice a real's; a subnormal result is rounded a second time.
 static inline reals join_exponent(reals x, masks exponent)
 {
   const bits widest = 2 * (EXPONENT_BIAS - 1);
@@ -83,7 +86,7 @@ static inline reals join_exponent(reals x, masks exponent)
   return x * power_of_two(half_way) * power_of_two(exponent - half_way);
 }
 
-// n - a b: exact near the decisions below, where a b is within a few ulp of n.
+// n - a b: exact near the decisions below, where a b lies within a few ulp of n.
 static inline reals remainder_of(reals n, reals a, reals b)
 {
   const twofloat p = two_product(a, b);
@@ -92,7 +95,7 @@ static inline reals remainder_of(reals n, reals a, reals b)
 
 static inline reals within_binade(reals x) { return at_most(at_least(x, R(1.0)), R(2.0) - ULP); }
 
-// A neighbour of q where `up` or `down` says that it is nearer.
+// The next real above q where `up`, below q where `down`.
 static inline reals step_ulp(reals q, masks up, masks down)
 {
   return q + SELECT(SELECT(R(0.0), -ULP, down), ULP, up);
@@ -100,8 +103,8 @@ static inline reals step_ulp(reals q, masks up, masks down)
 #endif
 
 #if !EXACT_DIVIDE
-// n / m in [1, 2): Newton for 1 / m, one step for the quotient, then whichever neighbour leaves a remainder of at most
-// half an ulp. (The quotient of two reals is never half-way between two reals.)
+// n / m in [1, 2): Newton's iteration for 1 / m, one step for the quotient, then the neighbor with a remainder of at
+// most half an ulp. (The quotient of two reals is never half-way between two reals.)
 static inline reals quotient(reals n, reals m)
 {
   reals inverse = R(1.4117647058823528) - m * R(0.47058823529411764);  // within 1/17
@@ -123,7 +126,7 @@ CALLED reals divide_plainly(reals a, reals b)
   const parts n = split_exponent(a), m = split_exponent(b);
   const masks below = MASK(n.significand < m.significand);
   const reals numerator = SELECT(n.significand, R(2.0) * n.significand, below);
-  reals q = join_exponent(quotient(numerator, m.significand), n.exponent - m.exponent + below);  // below: all ones, -1
+  reals q = join_exponent(quotient(numerator, m.significand), n.exponent - m.exponent + below);  // set: -1
   q = SELECT(q, R(0.0), a_zero | b_infinite);
   q = SELECT(q, (real)INFINITY, a_infinite | b_zero);
   q = SELECT(q, (real)NAN, is_nan | (a_zero & b_zero) | (a_infinite & b_infinite));
@@ -132,8 +135,9 @@ CALLED reals divide_plainly(reals a, reals b)
 #endif
 
 #if !EXACT_SQRT
-// sqrt(m) in [1, 2) for m in [1, 4): Newton for 1 / sqrt(m) from a shift of its bits, one step for the root, then the
-// neighbour r with (r - ulp/2)^2 < m < (r + ulp/2)^2. All is a multiple of ulp^2, so the terms ulp^2/4 drop out.
+// sqrt(m) in [1, 2) for m in [1, 4): Newton's iteration for 1 / sqrt(m) from a shift of its bits, one step for the
+// root, then the neighbor r with (r - ulp/2)^2 < m < (r + ulp/2)^2. All terms are multiples of ulp^2, so ulp^2/4 drops
+// out.
 static inline reals root(reals m)
 {
   const bits seed = DOUBLE ? (bits)0x5fe6eb50c7b537a9L : (bits)0x5f3759df;

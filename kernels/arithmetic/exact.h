@@ -1,10 +1,10 @@
-// Provides sums and products without rounding error.
+// Provides two_sum and two_product: the exact sum and product of two reals, each as an unevaluated sum of two reals.
 
 #include "arithmetic/reals.h"
 
-typedef struct { reals hi, lo; } twofloat;
+typedef struct { reals hi, lo; } twofloat;  // value = hi + lo, |lo| <= ulp(hi)/2
 
-static inline twofloat two_sum(reals a, reals b)  // exact: a + b = hi + lo (Knuth)
+static inline twofloat two_sum(reals a, reals b)  // a + b = hi + lo (Knuth)
 {
   reals s = a + b;
   reals t = s - a;
@@ -12,7 +12,7 @@ static inline twofloat two_sum(reals a, reals b)  // exact: a + b = hi + lo (Knu
   return r;
 }
 
-static inline twofloat two_product(reals a, reals b)  // exact: a * b = hi + lo; split, since fma is slow on some CPUs
+static inline twofloat two_product(reals a, reals b)  // a * b = hi + lo (Dekker); fma is slow on some CPUs
 {
   reals a1 = AS_REALS((AS_BITS(a) + (bits)SPLIT_HALF) & (bits)SPLIT_MASK), a2 = a - a1;
   reals b1 = AS_REALS((AS_BITS(b) + (bits)SPLIT_HALF) & (bits)SPLIT_MASK), b2 = b - b1;

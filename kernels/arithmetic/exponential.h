@@ -1,9 +1,9 @@
-// Provides e^x and x^s.
+// Provides exp_negative, e^x, and power, x^s, from the strict operations alone.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
 
-// e^x for -80 <= x <= 0, to about one unit in the last place: x = n ln2 + f, |f| <= ln2/2, Taylor in f.
+// e^x for -80 <= x <= 0, to about one unit in the last place: x = n ln2 + f, |f| <= ln2/2, Taylor series in f.
 static inline reals exp_negative(reals x)
 {
   reals shifted = x * R(1.4426950408889634) + ROUND_MAGIC;
@@ -32,22 +32,21 @@ static inline reals exp_negative(reals x)
   return e * AS_REALS((n + (bits)EXPONENT_BIAS) << (bits)MANTISSA);
 }
 
-// x^s for 0 <= x <= 1, s >= 0. Needs arithmetic.h.
-
-// ln x = e ln2 + 2 artanh f, f = (m - 1) / (m + 1), with x = 2^e m and m in [sqrt(1/2), sqrt(2))
+// ln x = e ln2 + 2 artanh f with x = 2^e m, m in [sqrt(1/2), sqrt(2)) and f = (m - 1) / (m + 1).
 static inline reals log_positive(reals x)
 {
   masks e = (AS_BITS(x) >> (bits)MANTISSA) - (bits)EXPONENT_BIAS;
   reals m = AS_REALS((AS_BITS(x) & (((bits)1 << MANTISSA) - 1)) | ((bits)EXPONENT_BIAS << MANTISSA));
   const masks large = MASK(m > R(1.4142135623730951));
   m = SELECT(m, m * R(0.5), large);
-  e = e - large;  // all ones are -1
+  e = e - large;  // `large` is -1 where set
   const reals f = divide(m - R(1.0), m + R(1.0)), f2 = f * f;
   reals series = R(0.0);
   for (int k = DOUBLE ? 21 : 9; k >= 1; k -= 2) series = series * f2 + divide_real(R(1.0), (real)k);
   return real_of(e) * R(0.6931471805599453) + R(2.0) * f * series;
 }
 
+// x^s for 0 <= x <= 1, s >= 0; 0^0 = 1.
 static inline reals power(reals x, reals s)
 {
   const reals exponent = s * log_positive(x);

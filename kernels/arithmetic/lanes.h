@@ -1,8 +1,8 @@
-// How LANES values lie in a vector: a block of pixels, or numbers from LANES places. Needs arithmetic.h.
+// Provides the arrangement of LANES values in a vector: a block of pixels, or numbers gathered from LANES places.
 
 #include "arithmetic/reals.h"
 
-// A block is LANES pixels, BLOCK_X across.
+// A block is LANES pixels, BLOCK_X across. EACH_LANE(item, field) lists item(lane, field) of every lane.
 #if LANES == 1
 #define BLOCK_X 1
 #define LANE_X ((reals)R(0.0))

@@ -1,9 +1,11 @@
-// The strict arithmetic profile: every operation below is correctly rounded and in a fixed order, so that
-// every OpenCL runtime computes the same bits. Only + - *, divide and square_root (divide.h), comparisons,
-// selects and bit casts are used.
+// Provides the types real, reals and masks, and their selects, bounds and roundings.
 //
-// LANES  how many pixels or splats one value holds (1, 4, 8, 16)
-// DOUBLE 0: float, 1: double
+// The strict arithmetic profile: each operation is correctly rounded, and the order of operations is fixed. So every
+// OpenCL runtime computes the same bits. The kernels use only + - *, divide and square_root (divide.h), comparisons,
+// selects and bit casts.
+//
+// LANES   pixels or splats in one value: 1, 4, 8 or 16
+// DOUBLE  0: float, 1: double
 
 #ifndef LANES
 #error "build option LANES is missing: 1, 4, 8 or 16"
@@ -19,12 +21,12 @@
 #pragma OPENCL EXTENSION cl_khr_fp64 : enable
 typedef double real;
 typedef double8 real8;
-typedef long bits;  // an integer as wide as a real
+typedef long bits;  // an integer of the width of a real
 #define R(x) x      // a literal
 #define MANTISSA 52
 #define EXPONENT_BIAS 1023
-#define SPLIT_MASK 0xfffffffff8000000L  // the leading 26 bits of a significand ...
-#define SPLIT_HALF 0x4000000L           // ... rounded, so that the rest of 27 bits needs only 26 and a sign
+#define SPLIT_MASK 0xfffffffff8000000L  // keeps the leading 26 bits of a significand ...
+#define SPLIT_HALF 0x4000000L           // ... after rounding: the other 27 bits then fit in 26 and a sign
 #else
 typedef float real;
 typedef float8 real8;
@@ -32,12 +34,12 @@ typedef int bits;
 #define R(x) PASTE(x, f)
 #define MANTISSA 23
 #define EXPONENT_BIAS 127
-#define SPLIT_MASK 0xfffff000  // the leading 12 bits of a significand, which leave 12
+#define SPLIT_MASK 0xfffff000  // keeps the leading 12 bits of a significand; 12 remain
 #define SPLIT_HALF 0
 #endif
 #define SIGN_BIT ((bits)(DOUBLE ? LONG_MIN : INT_MIN))
 
-// reals: LANES reals. masks: LANES integers as wide, all ones or all zeros.
+// reals: LANES reals. masks: LANES integers of their width, each all ones or all zeros.
 #if LANES == 1
 typedef real reals;
 typedef bits masks;
@@ -65,8 +67,8 @@ typedef PASTE(int, LANES) masks;
 #define MASK(comparison) (comparison)
 #define SELECT(no, yes, mask) ((masks)(mask) ? (reals)(yes) : (reals)(no))
 
-// any(), sixteen bytes at a time: PoCL 3.0 calls a function for that, as for select(), min() and vload8(), and a call
-// costs more than it does, for no vector survives it in a register.
+// any(), sixteen bytes at a time. PoCL 3.0 compiles any(), select(), min() and vload8() to calls. Such a call costs
+// more than the operation itself, since no vector stays in a register across a call.
 static inline int any_of(masks m)
 {
 #if LANES == 4 && !DOUBLE
@@ -86,7 +88,7 @@ static inline int any_of(masks m)
 #define ANY(mask) any_of(mask)
 #endif
 
-// Comparisons with NaN are false, so a NaN becomes the bound.
+// A comparison with NaN is false, so these replace a NaN by the bound.
 static inline reals at_least(reals x, reals low) { return SELECT(low, x, MASK(x > low)); }
 static inline reals at_most(reals x, reals high) { return SELECT(high, x, MASK(x < high)); }
 static inline reals magnitude(reals x) { return AS_REALS(AS_BITS(x) & ~SIGN_BIT); }
@@ -95,7 +97,7 @@ static inline real magnitude_of(real x) { return x < R(0.0) ? -x : x; }
 
 static inline int least(int a, int b) { return a < b ? a : b; }
 
-// Nearest integer, ties to even: adding 1.5 * 2^MANTISSA leaves no fraction bits. (rint is a call on some runtimes.)
+// The nearest integer, ties to even: a sum with 1.5 * 2^MANTISSA has no fraction bits. (Some runtimes call rint.)
 #define ROUND_MAGIC ((real)(3L << (MANTISSA - 1)))
 static inline reals round_even(reals x)
 {
@@ -103,11 +105,12 @@ static inline reals round_even(reals x)
   return SELECT(x, rounded, MASK(magnitude(x) < (real)(1L << (MANTISSA - 1))));
 }
 
-// Small whole numbers as integers, and back.
+// Convert small whole numbers to integers, and back.
 static inline masks whole_of(reals x) { return AS_BITS(x + ROUND_MAGIC) - AS_BITS((reals)(ROUND_MAGIC)); }
 static inline reals real_of(masks i) { return AS_REALS(i + AS_BITS((reals)(ROUND_MAGIC))) - ROUND_MAGIC; }
 
-// The next whole number at or above, at or below, of -1 <= x < 2^(MANTISSA - 2). (ceil and floor are calls too.)
+// The next whole number at or above x, and at or below it, for -1 <= x < 2^(MANTISSA - 2). (ceil and floor are calls
+// too.)
 static inline reals round_up(reals x)
 {
   const reals whole = (x + ROUND_MAGIC) - ROUND_MAGIC;

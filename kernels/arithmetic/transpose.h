@@ -1,12 +1,13 @@
-// Between LANES records of eight reals each and eight vectors of LANES. Needs arithmetic.h.
-// On PoCL in single precision with eight lanes that is a transposition of registers, which halves the time that lane by
-// lane takes to load and store records. (Unoptimised, it makes Oclgrind crash.)
+// Provides LOAD_EIGHT and STORE_EIGHT, which move LANES records of eight reals to and from eight vectors.
+//
+// On PoCL, in single precision with eight lanes, this is a transposition of registers: twice as fast as lane by lane.
+// (Unoptimized, the transposition makes Oclgrind crash.)
 
 #include "arithmetic/reals.h"
 
 typedef struct {
   real8 values;
-} __attribute__((packed, aligned(DOUBLE ? 8 : 4))) unaligned8;  // a vload8 that PoCL 3.0 does not call
+} __attribute__((packed, aligned(DOUBLE ? 8 : 4))) unaligned8;  // a vload8 without PoCL 3.0's call
 
 typedef struct {
   reals v[8];
@@ -42,7 +43,7 @@ static inline void transpose(reals *v)
 #define STORE_EIGHT(fields, num, place)                                                                        \
   transpose(fields.v);                                                                                         \
   for (int lane = 0; lane < (num); ++lane) ((global unaligned8 *)(place))->values = fields.v[lane]
-#else  // a row as one vector: rusticl steps by whole records through a record's words
+#else  // row by row, each as one vector: rusticl would step through a record's words by whole records
 #define LOAD_EIGHT(fields, space, place)                                                                       \
   eight fields;                                                                                                \
   for (int lane = 0; lane < LANES; ++lane) {                                                                   \

@@ -1,6 +1,6 @@
-// Twice the precision by unevaluated sums (Dekker 1971): value = hi + lo, |lo| <= ulp(hi)/2.
-// The projected centre needs it: a float's rounding of c moves it by 5e-5 pixels at 512, and every r with it.
-// Part of arithmetic.h.
+// Provides arithmetic in twice the precision, on unevaluated sums of two reals (Dekker 1971).
+//
+// The projected center needs it: rounding c to a float moves it by 5e-5 pixels at pixel 512, and every r with it.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/exact.h"

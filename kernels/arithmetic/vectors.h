@@ -1,4 +1,4 @@
-// Provides vectors of three reals.
+// Provides reals3, LANES vectors of three reals, and their operations in a fixed order.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -25,7 +25,7 @@ static inline reals3 add3(reals3 a, reals3 b)
   return c;
 }
 
-// A vector without a length stays zero.
+// v / |v|; a vector of length zero stays zero.
 static inline reals3 normalize3(reals3 v)
 {
   const reals length2 = dot3(v, v);

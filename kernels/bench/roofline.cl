@@ -1,13 +1,16 @@
-// Roofline: what this machine can do at most, measured with the kernels' own arithmetic (splatcl/bench/roofline.py).
-// Work-item i takes the vectors i * first + k * step, k < count, of LANES reals: runs of a buffer on a CPU, neighbours
-// side by side on a GPU. Sums are written so that nothing is optimised away.
+// The roofline: the peak bandwidth and arithmetic of this device, measured with the kernels' own vectors.
+//
+// Work-item i takes the vectors i * first + k * step, k < count, of LANES reals: runs of a buffer on a CPU, adjacent
+// vectors on a GPU. The kernels write their sums, so the compiler cannot drop any work.
+//
+// STREAMS, CHAINS  independent sums of a work-item, in roofline_read and roofline_arithmetic
 
 #include "arithmetic/reals.h"
 
 #if !defined STREAMS || !defined CHAINS
-#error "build options STREAMS and CHAINS are missing: how many independent sums a work-item keeps"
+#error "build options STREAMS and CHAINS are missing: the independent sums of a work-item"
 #endif
-#define UNROLLED 8  // steps of every chain for each test of the loop's end
+#define UNROLLED 8  // steps of every chain per test of the loop's end
 
 #if LANES == 1
 #define LOAD(numbers, place) ((numbers)[place])

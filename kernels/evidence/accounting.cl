@@ -1,5 +1,5 @@
-// Accounting: the fragments of each projected splat, counted splat by splat over its own bounds, without tiles, runs
-// or blocks, for comparison with the counts that the attribute pass takes pixel by pixel.
+// The accounting: count the fragments splat by splat over each splat's own bounds, without tiles, runs or blocks. The
+// host compares them with the counts of the attribute pass, which are pixel by pixel.
 
 #include "arithmetic/reals.h"
 #include "splat/disc.h"

@@ -1,8 +1,10 @@
-// Doctor: each operation that the kernels rest on, applied to given numbers. splatcl/arithmetic.py compares the results
-// with NumPy's and passes ROW_name, where the results of `name` are. No product is used twice, so that a compiler
-// which contracts or rearranges has every reason to do so.
+// The doctor: apply each operation that the kernels rest on to given numbers. The host compares the results with
+// NumPy's.
 //
-// FMA 1: fma alone (no kernel uses it, and a runtime may fail to build it), 0: all others
+// No product is used twice, so a compiler that contracts or rearranges has every reason to do so here.
+//
+// ROW_name  the row of the results of operation `name`
+// FMA       1: fma alone (no kernel uses it, and a runtime may fail to build it), 0: all other operations
 
 #include "arithmetic/reals.h"
 #include "arithmetic/exact.h"

@@ -1,8 +1,9 @@
-// Envelope: between what bounds each pixel of any correct renderer lands (docs/trust/uncertainty.md). A work-item takes a
-// tile, block by block: the splats that touch the block, the bounds of depth, what each fragment may contribute, and
-// the extremes of the weighted means over all that.
+// The envelope: the bounds of each pixel's values over all correct renderers.
 //
-// VALUES  numbers of each splat: its colour, its normal and the margin of the normal's sign
+// A work-item takes a tile, block by block. It lists the splats that touch the block, bounds the depth, bounds the
+// weight of each possible fragment, and finds the extremes of the weighted means.
+//
+// VALUES  numbers of each splat: its color, its normal and the margin of the normal's sign
 
 #include "arithmetic/reals.h"
 #include "arithmetic/lanes.h"
@@ -11,7 +12,7 @@
 #include "evidence/pair.h"
 #include "evidence/means.h"
 
-// Whether decisions fall that way in any case (sure) or in some.
+// Whether decisions hold in every correct renderer (sure), or in some (possible).
 typedef struct {
   masks sure, possible;
 } outcome;
@@ -20,7 +21,7 @@ INLINE outcome decided(reals inside, reals error) { return (outcome){~MASK(insid
 
 INLINE outcome both(outcome a, outcome b) { return (outcome){a.sure & b.sure, a.possible & b.possible}; }
 
-// All of that, and the splat's own margin; a pair where decisions may fall either way is in the widened bounds.
+// The outcome `a` together with the splat's own margin. An uncertain pair must lie in the widened bounds.
 INLINE outcome together(const envelope_settings *f, global const NearbySplat *s, const block *b, real own, outcome a)
 {
   a.sure &= (masks)(own > f->tolerance ? -1 : 0);
@@ -29,7 +30,7 @@ INLINE outcome together(const envelope_settings *f, global const NearbySplat *s,
   return a;
 }
 
-// Of hitting the disc: z within low..high, r3 off by r_error.
+// The hit of a disc: z is within low..high, r3 within r_error of r.
 typedef struct {
   outcome hit;
   reals low, high, r, r_error;
@@ -40,13 +41,13 @@ INLINE disc_outcome disc_at(const envelope_settings *f, global const NearbySplat
   const intersection m = intersection_at(f->view, s, b);
   const scales e = scales_of(f->view, s, b, &m, f->offset_error);
   const reals error = f->unit * e.z, inverse = magnitude(m.inverse);
-  const outcome met = both(decided(m.inside, f->unit * e.inside), decided(m.weight_range, error));
+  const outcome met = both(decided(m.inside, f->unit * e.inside), decided(m.range, error));
   disc_outcome d = {together(f, s, b, s->usable, met),
             m.z - error, m.z + error, m.size * inverse, f->unit * (e.inside * inverse)};
   return d;
 }
 
-// Of the pre-filter: r2, off by r_error.
+// The pre-filter: r2 is within r_error of r.
 typedef struct {
   outcome inside;
   reals r, r_error;
@@ -56,14 +57,15 @@ INLINE filter_outcome filter_at(const envelope_settings *f, global const NearbyS
 {
 #if PREFILTER
   const screen p = screen_at(f->view, s, b, f->offset_error);
-  filter_outcome g = {together(f, s, b, s->filter_margin, decided(p.inside, f->unit * p.scale)), p.r2, f->unit * p.scale_r2};
+  filter_outcome g = {together(f, s, b, s->filter_margin, decided(p.inside, f->unit * p.scale)), p.r2,
+                      f->unit * p.scale_r2};
 #else
   filter_outcome g = {{(masks)0, (masks)0}, (reals)R(0.0), (reals)R(0.0)};
 #endif
   return g;
 }
 
-// List the splats that touch the block, in splat order.
+// List the splats that touch the block, in splat order; return their number.
 INLINE int list_splats(const scratch *t, int num_records, const block *b)
 {
   int n = 0;
@@ -75,7 +77,7 @@ INLINE int list_splats(const scratch *t, int num_records, const block *b)
   return n;
 }
 
-// The least depth with any splat, that with any but the nearest, and the greatest.
+// The least possible depth, the least without the nearest splat, and the greatest possible depth.
 typedef struct {
   reals least, second, greatest;
 } depths;
@@ -85,7 +87,7 @@ INLINE depths bound_depth(const envelope_settings *f, const scratch *t, int n, c
   depths d = {INFINITE, INFINITE, INFINITE};
   for (int i = 0; i < n; ++i) {
     global const NearbySplat *s = t->records + t->list[i];
-    if (!ANY(MASK((reals)s->near_z <= d.greatest))) continue;  // what cannot be front-most sets none of the three
+    if (!ANY(MASK((reals)s->near_z <= d.greatest))) continue;  // it cannot be front-most: nothing changes
     const disc_outcome a = disc_at(f, s, b);
     const reals low = SELECT(INFINITE, a.low, a.hit.possible);
     d.second = least_of(d.second, most_of(d.least, low));
@@ -95,13 +97,13 @@ INLINE depths bound_depth(const envelope_settings *f, const scratch *t, int n, c
   return d;
 }
 
-// Least and greatest weight of a fragment, if it exists.
+// The least and greatest weight of a fragment, if it exists.
 typedef struct {
   reals low, high;
 } weight_range;
 
 #if KERNEL == TABLE_NEAREST || KERNEL == TABLE_LINEAR
-// A table need not fall: the weights of all samples between the radii count as well.
+// A table need not be monotonic: the weights of all samples between the radii count as well.
 INLINE weight_range weights_between(const envelope_settings *f, reals r_low, reals r_high)
 {
   const reals a = weight_of(r_low * r_low, f->falloff, f->table, f->table_size);
@@ -141,7 +143,7 @@ INLINE weight_range weights_of(const envelope_settings *f, const disc_outcome *d
   return (weight_range){w.low * (R(1.0) - rounding), w.high * (R(1.0) + rounding)};
 }
 
-// The extremes of the values of fragment i: a normal may be turned where its splat's facing is not sure.
+// Keep the extremes of the values of fragment i. A normal may have either sign if its splat's facing is uncertain.
 INLINE void keep_extremes(const envelope_settings *f, const scratch *t, int record, int i)
 {
   global const real *value = t->values + (long)VALUES * record;
@@ -154,8 +156,9 @@ INLINE void keep_extremes(const envelope_settings *f, const scratch *t, int reco
   }
 }
 
-// Keep the fragments that there may be, with their weights, which are 0 at pixels where there is none.
-INLINE weight_sums collect_fragments(const envelope_settings *f, const scratch *t, int n, const block *b, const depths *d)
+// Keep the possible fragments with the bounds of their weights, 0 at pixels without the fragment.
+INLINE weight_sums collect_fragments(const envelope_settings *f, const scratch *t, int n, const block *b,
+                                     const depths *d)
 {
   weight_sums c = {R(0.0), R(0.0), R(0.0), INFINITE, 0};
   const reals epsilon = epsilon_at(b, f->epsilon, f->along_ray), slack = R(2.0) * f->unit * epsilon;
@@ -192,7 +195,7 @@ INLINE weight_sums collect_fragments(const envelope_settings *f, const scratch *
   return c;
 }
 
-// Bounds of the means; where the pixel may be uncovered they hold 0.
+// Bound the means. The bounds of a pixel that may be uncovered include 0.
 INLINE void bound_means(const scratch *t, const weight_sums *c, const depths *d, reals *low, reals *high)
 {
   for (int k = 0; k < MEANS; ++k) bound_mean(t, c, k, low + k, high + k);
@@ -221,7 +224,8 @@ typedef PASTE(float, LANES) floats;
 #endif
 
 #define BELOW_ZERO (-0x7fffffff)  // from the bits of 0 to those of the greatest negative float
-// The next float toward -infinity, where rounding went the other way.
+
+// Round to float toward -infinity: take the next lower float if rounding went up.
 INLINE floats rounded_down(reals x)
 {
   const floats f = TO_FLOATS(x) + 0.0f;  // no -0
@@ -231,9 +235,9 @@ INLINE floats rounded_down(reals x)
   return AS_FLOATS(AS_INTS(f) + TO_INTS(wrong & next));
 }
 
-// One image's bounds at a block, `channels` to a pixel; each of a block's lanes in the image.
+// Store the bounds of one channel at the pixels of a block that lie in the image, rounded outward.
 INLINE void store_bounds(constant View *view, const block *b, global float *least, global float *most, int channels,
-                  int channel, reals low, reals high)
+                         int channel, reals low, reals high)
 {
   const floats down = rounded_down(low), up = -rounded_down(-high);
   for (int lane = 0; lane < LANES; ++lane) {
@@ -255,7 +259,8 @@ kernel void envelope(constant View *view, global const NearbySplat *records, glo
                      global float *normal_high)
 {
   const pair_region w = pair_region_of(get_global_id(0), tile_begin, first_tile, first_entry, tiles_x);
-  const envelope_settings f = {view, table, tolerance, tolerance * UNIT, offset_error, epsilon, falloff, along_ray, table_size};
+  const envelope_settings f = {view,    table,   tolerance, tolerance * UNIT, offset_error,
+                               epsilon, falloff, along_ray, table_size};
   const scratch t = {records + w.begin, bounds + first_entry + w.begin, values + (long)VALUES * w.begin,
                   list + w.begin, weights + 2 * (long)w.begin, extremes + 2 * MEANS * (long)w.begin};
   for (int k = 0; k < BLOCKS; ++k) {

@@ -1,6 +1,7 @@
-// Margin: each pixel's least distance from another decision, in units of that decision's own rounding error. A
-// work-item takes one region of a tile and streams the tile's records twice: for the front-most splat, then for all
-// decisions, most of which are seen to be far from flipping without a division.
+// The margin: the least distance of a pixel's decisions from flipping, in units of each decision's own rounding error.
+//
+// A work-item takes one region of a tile and streams the tile's records twice: for the front-most splat, then for all
+// decisions. A comparison without division shows most decisions to be far from flipping.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -8,14 +9,14 @@
 #include "evidence/margin.h"
 #include "evidence/pair.h"
 
-#define ROUNDED_UP R(1.0000000000009095)  // 1 + 2^-40: no tie is missed by a product's rounding
+#define ROUNDED_UP R(1.0000000000009095)  // 1 + 2^-40: a product's rounding hides no tie
 
-// What is known of a region's pixels, block by block.
+// The results so far at a region's pixels, block by block.
 typedef struct {
   block at[BLOCKS];
   reals depth[BLOCKS], depth_scale[BLOCKS];  // of the front-most splat
   masks front[BLOCKS];                       // its record
-  reals units[BLOCKS], raw[BLOCKS];          // the least margin so far, and that decision's distance itself
+  reals units[BLOCKS], raw[BLOCKS];          // the least margin so far, and the distance of its decision
 } pixel_margins;
 
 INLINE void keep(pixel_margins *p, int k, reals units, reals distance, masks decided)
@@ -25,7 +26,7 @@ INLINE void keep(pixel_margins *p, int k, reals units, reals distance, masks dec
   p->units[k] = SELECT(p->units[k], units, less);
 }
 
-// How near a decision must be, in the unit of distance / scale, to be the nearest.
+// The greatest distance / scale at which a decision can have the least margin.
 INLINE reals nearest_of(const pixel_margins *p, int k) { return p->units[k] * (UNIT * ROUNDED_UP); }
 
 INLINE void consider(pixel_margins *p, int k, reals distance, reals scale, masks decided)
@@ -34,7 +35,7 @@ INLINE void consider(pixel_margins *p, int k, reals distance, reals scale, masks
   if (ANY(close)) keep(p, k, divide(distance, UNIT * scale), distance, close);
 }
 
-// Hitting the disc: conditions that must hold together, so the least of their signed margins counts.
+// The decision to hit the disc: its conditions must hold together, so the least of their signed margins counts.
 INLINE void consider_hit(pixel_margins *p, int k, global const NearbySplat *s, const intersection *m, const scales *e)
 {
   if (s->usable < -MAX_MARGIN) return;
@@ -50,7 +51,7 @@ INLINE void consider_hit(pixel_margins *p, int k, global const NearbySplat *s, c
   keep(p, k, magnitude(units), distance, possible & close & in_bounds(s, &p->at[k]));
 }
 
-// The pre-filter's, likewise, where the disc is not hit.
+// The decision of the pre-filter, likewise, where the disc is not hit.
 INLINE void consider_screen(pixel_margins *p, int k, global const NearbySplat *s, const screen *f, masks missed)
 {
   const reals inside = nearest_of(p, k) * f->scale, own = (reals)s->filter_margin;
@@ -62,7 +63,7 @@ INLINE void consider_screen(pixel_margins *p, int k, global const NearbySplat *s
 }
 
 INLINE void find_front(constant View *view, global const NearbySplat *s, int i, int k, pixel_margins *p,
-                              real offset_error)
+                       real offset_error)
 {
   if (!ANY(MASK((reals)s->near_z <= p->depth[k]))) return;
   const intersection m = intersection_at(view, s, &p->at[k]);
@@ -75,7 +76,7 @@ INLINE void find_front(constant View *view, global const NearbySplat *s, int i, 
 }
 
 INLINE void decide(constant View *view, global const NearbySplat *s, int i, int k, pixel_margins *p, real offset_error,
-                          real epsilon, int along_ray)
+                   real epsilon, int along_ray)
 {
   const block *b = &p->at[k];
   const intersection m = intersection_at(view, s, b);
@@ -97,7 +98,7 @@ INLINE void decide(constant View *view, global const NearbySplat *s, int i, int 
   consider(p, k, magnitude((p->depth[k] + tolerance) - z), scale + tolerance, tested);
 }
 
-// The blocks of a region that a splat's bounds touch, ends included.
+// The blocks of a region that a splat's bounds touch, both ends included.
 typedef struct {
   int x_first, x_last, y_first, y_last;
 } block_range;

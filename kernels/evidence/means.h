@@ -1,26 +1,25 @@
-// Weighted means of a block's fragments: their extremes where each weight may be anything between its bounds. Needs
-// arithmetic.h, margin.h and pair.h.
+// Provides the extremes of weighted means of a block's fragments, each weight anywhere between its bounds.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
 #include "evidence/margin.h"
 #include "evidence/pair.h"
 
-#define MEANS 6  // of colour and normal
+#define MEANS 6  // of color and normal
 #define NORMAL 3
-#define MAX_STEPS 64  // after which a bound of a mean falls back to that of its values
+#define MAX_STEPS 64  // afterwards, the bound of a mean is that of its values
 
-// What the whole frame shares.
+// The settings of the frame.
 typedef struct {
   constant View *view;
   constant real *table;  // of weights
-  real tolerance, unit;  // in units of each decision's own rounding error; times 2^-24
+  real tolerance, unit;  // in units of each decision's rounding error; times 2^-24
   real offset_error, epsilon, falloff;
   int along_ray, table_size;
 } envelope_settings;
 
-// A work-item's own: records, and in its part of the scratch buffers the list of those at the block and, of each
-// fragment that there may be, the least and greatest weight and value.
+// The data of a work-item: its records and its part of the scratch buffers. These hold the list of the records at a
+// block, and the least and greatest weight and value of each possible fragment.
 typedef struct {
   global const NearbySplat *records;
   global const short4 *bounds;
@@ -32,13 +31,13 @@ typedef struct {
 
 // Sums over a block's fragments.
 typedef struct {
-  reals low, high, count;  // of the sure weights, of the possible ones, and of how many these are
-  reals front_weight;      // least weight of those that may be front-most
+  reals low, high, count;  // of the sure weights, of the possible ones, and their number
+  reals front_weight;      // least weight of the possible front-most fragments
   int num;                 // fragments
 } weight_sums;
 
-// The least and greatest of sum(w v) / sum(w) over all weights within their bounds. Dinkelbach's iteration: at a mean m,
-// the greatest comes nearer with the greatest weights where v > m and the least elsewhere.
+// The least and greatest of sum(w v) / sum(w) over all weights within their bounds, by Dinkelbach's iteration. From a
+// mean m, the greatest weights where v > m and the least elsewhere lead to a greater mean.
 INLINE void bound_mean(const scratch *t, const weight_sums *c, int k, reals *low, reals *high)
 {
   reals least = INFINITE, most = -INFINITE, last_least, last_most, largest = (reals)R(0.0);
@@ -71,7 +70,7 @@ INLINE void bound_mean(const scratch *t, const weight_sums *c, int k, reals *low
   *high = SELECT(most, (reals)R(0.0), none);
 }
 
-// One coordinate's bounds of v / |v| for v in a box: `far` and `near` are the squares of the others' sizes.
+// A bound of one coordinate of v / |v|, v in a box; `far` and `near` bound the sum of the other coordinates' squares.
 INLINE reals normalized(reals v, reals far, reals near, masks inward)
 {
   return divide(v, square_root(square(v) + SELECT(near, far, inward)));

@@ -1,6 +1,11 @@
-// Nearby: the splats that touch or nearly touch each tile, and what the oracle's equations (splatcl/oracle) need of
-// them in double precision. First each splat's widened bounds and a count of each tile's splats, then their indices,
-// a stable counting sort, then a record for each. A work-item takes a chunk of splats, or of records, LANES at a time.
+// The nearby splats: those that touch or nearly touch each tile, with the terms of the oracle's equations in double
+// precision.
+//
+// First each splat's widened bounds and a count of each tile's splats, then the tiles' lists (a stable counting sort),
+// then a record for each entry. A work-item takes a chunk of splats, or of records, LANES at a time.
+//
+// ENTRIES  records of a work-item
+// VALUES   numbers of each splat: its color, its normal and the margin of the normal's sign
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -11,11 +16,10 @@
 
 typedef double4 real4;
 
-#define EDGE_ON_COSINE R(1.52587890625e-5)  // |cos| up to which a disc is not intersected
-#define CLEAR_SHARE R(1e-4)                // a disc whose least z is below this share of its centre's has infinite bounds
-#define CENTER_ERROR R(2.0)          // of a projected centre, 2^-24 pixels
-#define WIDENED_PIXELS R(0.02)         // added around the bounds, so that a near miss is a pair as well
-
+#define EDGE_ON_COSINE R(1.52587890625e-5)  // a disc with |cos| up to this is not intersected
+#define CLEAR_SHARE R(1e-4)  // a disc whose least z is below this share of its center's has infinite bounds
+#define CENTER_ERROR R(2.0)  // of a projected center, 2^-24 pixels
+#define WIDENED_PIXELS R(0.02)  // added around the bounds, so that near misses are pairs too
 
 #define WORLD_REALS 12
 #define WORLD_REAL(lane, field) world[(long)WORLD_REALS * place[lane] + field]
@@ -25,9 +29,9 @@ typedef double4 real4;
 
 // LANES splats in eye space.
 typedef struct {
-  reals3 center, tu, tv, g, normal;  // g = t_u x t_v; the normal as facing turns it
-  reals reach, distance;             // of z about the centre's; of the centre from the eye
-  reals cosine, kappa;               // |cos| of the normal and the line to the centre
+  reals3 center, tu, tv, g, normal;  // g = t_u x t_v; the normal after View.facing
+  reals reach, distance;             // half the disc's range of z; from the eye to the center
+  reals cosine, kappa;               // |cos| of the angle between normal and line to the center; condition
   reals edge_margin, facing_margin;  // signed
   masks culled;
 } splats;
@@ -58,20 +62,20 @@ static inline splats splats_at(constant View *view, global const real *world, co
   return s;
 }
 
-// Whether the whole disc is outside [near, far] by over a thousandth of its distance.
+// Whether the whole disc is outside [near, far], by more than a thousandth of its distance.
 static inline masks out_of_range(constant View *view, const splats *s)
 {
   const reals clearly = R(1e-3) * (s->distance + s->reach);
   return MASK(s->center.z + s->reach + clearly < view->near) | MASK(s->center.z - s->reach - clearly > view->far);
 }
 
-// Raster bounds, counted from the centre of pixel 0.
+// Raster bounds, counted from the center of pixel 0.
 typedef struct {
   reals low, high;
 } raster_bounds;
 
-// Of the whole discs along one axis; infinite where one is not clear of the eye plane. The plane x = s z touches the
-// disc where |t_x - s t_z|^2 = (c_x - s c_z)^2, a quadratic in s.
+// The bounds of whole discs along one axis; infinite if a disc comes near the eye plane. The plane x = s z is tangent
+// to the disc if |t_x - s t_z|^2 = (c_x - s c_z)^2, a quadratic equation in s.
 static inline raster_bounds disc_extent(const splats *s, reals c, reals u, reals v, real focal, real principal)
 {
   raster_bounds e;
@@ -103,8 +107,8 @@ static inline raster_bounds disc_y(constant View *view, const splats *s)
   return disc_extent(s, s->center.y, s->tu.y, s->tv.y, view->fy_hi, view->cy_hi);
 }
 
-// Where r2 is measured from (from the centre of pixel 0), how far wrong that may be in 2^-24 pixels, and the signed
-// margin of there being a pre-filter at all: that the centre's z is in [near, far].
+// The pre-filter's center, from the center of pixel 0, and its error in 2^-24 pixels. `margin` is the signed margin of
+// the condition for a pre-filter: the center's z is in [near, far].
 typedef struct {
   reals x, y, error, margin;
 } filter_centers;
@@ -130,7 +134,7 @@ static inline filter_centers filter_center_of(constant View *view, const splats 
   return p;
 }
 
-// The discs' and pre-filters' bounds together, widened so that whatever may decide within MAX_MARGIN is inside.
+// The bounds of disc and pre-filter together, widened to include every decision within MAX_MARGIN.
 static inline raster_bounds widened(raster_bounds disc, reals filter, reals radius, reals slack, masks filtered)
 {
   raster_bounds e = {SELECT(disc.low, least_of(disc.low, filter - radius), filtered) - slack,
@@ -138,7 +142,7 @@ static inline raster_bounds widened(raster_bounds disc, reals filter, reals radi
   return e;
 }
 
-// The pixels of an extent in an image `size` pixels large: the next whole number and the last one.
+// The first and last pixel of the bounds in an image of `size` pixels.
 static inline raster_bounds in_image(raster_bounds e, real size)
 {
   raster_bounds c = {round_up(at_most(at_least(e.low, R(0.0)), size)),
@@ -146,7 +150,8 @@ static inline raster_bounds in_image(raster_bounds e, real size)
   return c;
 }
 
-// Every splat's first and last x and y, x_first > x_last where none; splats of each chunk in each tile.
+// Give each splat's first and last x and y (x_first > x_last: none), and the number of each chunk's splats in each
+// tile.
 kernel void nearby_count(constant View *view, global const real *world, const int num_splats, const int chunk_size,
                          global short4 *bounds, global int *tile_counts, const int tiles_x, const int num_tiles)
 {
@@ -184,8 +189,8 @@ kernel void nearby_count(constant View *view, global const real *world, const in
   }
 }
 
-// Write each splat and its bounds into the lists of the tiles [first_tile, last_tile) that it touches: 104 bytes, which
-// nearby_records then streams (fetching a million splats by their indices took twice as long).
+// Write each splat and its bounds, 104 bytes, into the lists of the tiles in [first_tile, last_tile) that it touches.
+// nearby_records streams these lists, which is twice as fast as fetching splats by index.
 kernel void nearby_list(global const real4 *world, global const short4 *bounds, const int num_splats,
                         const int chunk_size, global int *tile_offsets, global real4 *listed,
                         global short4 *listed_bounds, const int tiles_x, const int num_tiles, const int first_tile,
@@ -208,11 +213,12 @@ kernel void nearby_list(global const real4 *world, global const short4 *bounds, 
   }
 }
 
-// u = U.s / D.s, v = V.s / D.s, z = Z.s / D.s at the pixel s = ((x-cx)/fx, (y-cy)/fy, 1), with D.s > 0 where z has its
-// sign. One of Z and D has a single term, `h`; the other is g: D in perspective, Z in an orthographic projection.
+// The linear forms of u = U.s / D.s, v = V.s / D.s and z = Z.s / D.s at the pixel s = ((x-cx)/fx, (y-cy)/fy, 1). Their
+// sign makes D.s positive in front of the eye. One of Z and D has a single term, `h`; the other is g: D in perspective,
+// Z in an orthographic projection.
 typedef struct {
   reals3 u, v, g;
-  reals h, center;  // |D.s| at the projected centre
+  reals h, center;  // |D.s| at the projected center
 } forms;
 
 static inline forms forms_of(const splats *s)
@@ -235,8 +241,8 @@ static inline forms forms_of(const splats *s)
   return f;
 }
 
-// A depth that no fragment there may be is nearer than: z at r = 2 and a thousandth, far above what MAX_MARGIN leaves of
-// error, which grows with kappa. Not known of a disc that is not well before the eye.
+// A lower bound of the depths of all possible fragments: z at r = 2 less a thousandth, which is far above the errors
+// within MAX_MARGIN; these grow with kappa. A disc that is not well in front of the eye has no bound.
 static inline reals nearest_z(const splats *s)
 {
   const reals z = s->center.z;
@@ -246,7 +252,7 @@ static inline reals nearest_z(const splats *s)
 
 #define L(value) LANE_OF(value, lane)
 
-// A record for each entry of the lists from `first` on, and what its fragments add.
+// Write a record for each entry of the lists from `first` on, and the values of its fragments.
 kernel void nearby_records(constant View *view, global const real *world, global const short4 *bounds, const int first,
                            const int num_entries, global NearbySplat *records, global real *values)
 {

@@ -1,8 +1,9 @@
-// Pairs of a splat and a pixel, for one nearby splat and a block of LANES pixels: the oracle's equations and the
-// scales of their rounding errors (splatcl/oracle). Needs arithmetic.h, lanes.h and margin.h and the build options
-// TILE, REGION and ORTHOGRAPHIC.
+// Provides the oracle's equations for pairs of one nearby splat and LANES pixels, and the scales of their rounding
+// errors.
 //
-// REGION  a work-item takes REGION x REGION pixels of a tile: all of it, or one pixel
+// TILE          side of a tile, pixels
+// REGION        side of the region of a work-item, pixels: the whole tile, or one pixel
+// ORTHOGRAPHIC  1: the projection is orthographic, 0: perspective
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -15,7 +16,7 @@
 #define PAIR_REGIONS_X (TILE / REGION)  // of one tile
 #define PAIR_REGIONS (PAIR_REGIONS_X * PAIR_REGIONS_X)
 
-// The region of a work-item: its records are those from `begin` to before `end`, its first pixel is x, y.
+// The region of a work-item: its records [begin, end) and its first pixel.
 typedef struct {
   int begin, end, x, y;
 } pair_region;
@@ -25,11 +26,12 @@ INLINE pair_region pair_region_of(int item, global const int *tile_begin, int fi
 {
   const int run = item / PAIR_REGIONS, part = item % PAIR_REGIONS, tile = first_tile + run;
   pair_region w = {tile_begin[run] - first_entry, tile_begin[run + 1] - first_entry,
-              tile % tiles_x * TILE + part % PAIR_REGIONS_X * REGION, tile / tiles_x * TILE + part / PAIR_REGIONS_X * REGION};
+              tile % tiles_x * TILE + part % PAIR_REGIONS_X * REGION,
+                   tile / tiles_x * TILE + part / PAIR_REGIONS_X * REGION};
   return w;
 }
 
-// A block of pixels: its first one, and the rays s = ((x-cx)/fx, (y-cy)/fy, 1).
+// A block of pixels: its first pixel, and all pixels' rays s = ((x-cx)/fx, (y-cy)/fy, 1).
 typedef struct {
   int x, y;
   reals p_x, p_y, s_x, s_y;
@@ -43,24 +45,25 @@ INLINE block block_at(constant View *view, int x, int y)
   return b;
 }
 
-// Epsilon along z at each pixel; along a perspective ray it is shorter.
+// Epsilon along z at each pixel. An epsilon along a perspective ray is shorter along z.
 INLINE reals epsilon_at(const block *b, real epsilon, int along_ray)
 {
   if (ORTHOGRAPHIC || !along_ray) return (reals)epsilon;
   return divide((reals)epsilon, square_root((b->s_x * b->s_x + b->s_y * b->s_y) + R(1.0)));
 }
 
-// Pairs are those within the splat's widened bounds, so that none depends on which block its pixel is in.
+// A pair lies within the splat's widened bounds, so pairs do not depend on the blocks of their pixels.
 INLINE masks in_bounds(global const NearbySplat *s, const block *b)
 {
-  return MASK(b->p_x >= s->x_first) & MASK(b->p_x <= s->x_last) & MASK(b->p_y >= s->y_first) & MASK(b->p_y <= s->y_last);
+  return MASK(b->p_x >= s->x_first) & MASK(b->p_x <= s->x_last) & MASK(b->p_y >= s->y_first) &
+         MASK(b->p_y <= s->y_last);
 }
 
-// A hit needs inside >= 0, range >= 0 and the splat's usable >= 0; what is NaN is not known and left out.
+// A hit needs inside >= 0, range >= 0 and the splat's usable >= 0. NaN is unknown and does not exclude a hit.
 typedef struct {
   reals size, den, inverse;  // r3 = size / |den|, inverse = 1 / den
   reals inside;              // den - size
-  reals z, range;            // z of the plane; how far inside [near, far]
+  reals z, range;            // z of the plane; its distance from the ends of [near, far]
 } intersection;
 
 INLINE intersection intersection_at(constant View *view, global const NearbySplat *s, const block *b)
@@ -84,13 +87,13 @@ INLINE masks is_hit(global const NearbySplat *s, const block *b, const intersect
   return usable & ~MASK(m->inside < R(0.0)) & ~MASK(m->range < R(0.0));
 }
 
-// Rounding errors of a meeting in units of 2^-24; `offset_error` is that of a projected centre, in 2^-24 pixels.
+// The rounding errors of an intersection in units of 2^-24; `offset_error` is a projected center's, in 2^-24 pixels.
 typedef struct {
   reals inside, z;
 } scales;
 
 INLINE scales scales_of(constant View *view, global const NearbySplat *s, const block *b, const intersection *m,
-                               real offset_error)
+                        real offset_error)
 {
   const reals e_x = magnitude(b->s_x - s->center_x) + divide_real(offset_error, view->fx_hi);
   const reals e_y = magnitude(b->s_y - s->center_y) + divide_real(offset_error, view->fy_hi);
@@ -108,7 +111,7 @@ INLINE scales scales_of(constant View *view, global const NearbySplat *s, const 
   return e;
 }
 
-// The pre-filter: within r2 <= 1, and where the splat's filter_margin >= 0.
+// The pre-filter: a pixel is inside if r2 <= 1 and the splat's filter_margin >= 0.
 typedef struct {
   reals r2, scale_r2;   // rounding errors in units of 2^-24
   reals inside, scale;  // 1 - r2^2

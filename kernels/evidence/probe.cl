@@ -1,4 +1,4 @@
-// Probe: the passes at one pixel, splat by splat, with the functions and so the bits of the frame itself.
+// The probe: the passes at one pixel, splat by splat. It calls the functions of the passes, so it has the frame's bits.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -7,16 +7,16 @@
 #include "splat/fragment.h"
 #include "passes/contribution.h"
 
-// Bits of ProbedSplat.state (splatcl/probe.py).
+// Bits of ProbedSplat.state.
 #define STATE_HIT 1        // the disc is hit
-#define STATE_OUT 2        // the disc is hit, but not within near..far
-#define STATE_EXISTS 4     // there is a fragment, of the disc or of the pre-filter
-#define STATE_ACCEPTED 8   // and it is accumulated
+#define STATE_OUT 2        // the disc is hit, but outside near..far
+#define STATE_EXISTS 4     // the disc or the pre-filter has a fragment
+#define STATE_ACCEPTED 8   // the fragment is accumulated
 #define STATE_EDGE_ON 16
-#define STATE_CUT 32         // a clip line cuts it off
-#define FILTERED R(1e8)  // where there is no pre-filter its centre is farther off than this (project.cl, NOWHERE)
+#define STATE_CUT 32         // a clip line cuts the fragment off
+#define FILTERED R(1e8)  // without a pre-filter, its center is beyond this (bounds.h, NOWHERE)
 
-// One record's disc, pre-filter and the rest at a pixel.
+// One record and its intersection at the pixel.
 typedef struct {
   ProjectedSplat record;
   discs disc;
@@ -38,7 +38,7 @@ static inline probed probe_entry(global const ProjectedSplat *records, global co
   return p;
 }
 
-// r2^2 of the pre-filter, or r^2 of a footprint that is an ellipse, or of that after EWA's filter.
+// r2^2 of the pre-filter, or r^2 of an elliptic footprint, after EWA's filter if any.
 static inline real filter_radius2(const probed *p, real inverse_radius2)
 {
   real r2 = (real)INFINITY;
@@ -52,7 +52,7 @@ static inline real filter_radius2(const probed *p, real inverse_radius2)
   return r2;
 }
 
-// The splats of each chunk of records whose disc, footprint or pre-filter, `reach` times as large, covers the pixel.
+// Find each chunk's splats whose disc, footprint or pre-filter, enlarged `reach` times, covers the pixel.
 kernel void probe_select(global const ProjectedSplat *records, global const ProjectedExtra *extra,
                          global const SplatAttributes *attributes, global const real *near_z, global const int *ids,
                          const int num_records, const int chunk_size, const int x, const int y, const real reach,
@@ -61,7 +61,7 @@ kernel void probe_select(global const ProjectedSplat *records, global const Proj
   const int begin = get_global_id(0) * chunk_size, end = least(begin + chunk_size, num_records);
   int place = begin;
   for (int i = begin; i < end; ++i) {
-    if (near_z[i] != near_z[i]) continue;  // it touches no pixel of the image
+    if (near_z[i] != near_z[i]) continue;  // NaN: the splat touches no pixel
     const probed p = probe_entry(records, extra, attributes, i, x, y);
     const int disc = p.hit.numerator <= reach * reach * (p.hit.den * p.hit.den) && p.hit.den > R(0.0);
     const real r2 = filter_radius2(&p, inverse_radius2);
@@ -70,7 +70,7 @@ kernel void probe_select(global const ProjectedSplat *records, global const Proj
   num_found[get_global_id(0)] = place - begin;
 }
 
-// depth(p), as visibility.cl finds it.
+// Find depth(p), as visibility.cl does.
 kernel void probe_depth(global const ProjectedSplat *records, global const ProjectedExtra *extra,
                         global const SplatAttributes *attributes, global const int *ids, const int num_records,
                         const int x, const int y, const real near, const real far, global real *depth,
@@ -92,7 +92,7 @@ kernel void probe_depth(global const ProjectedSplat *records, global const Proje
   }
 }
 
-// Every splat at the pixel, in splat order, and the sums after it, as attributes.cl takes them.
+// Write every splat at the pixel, in splat order, and the sums after it, as in attributes.cl.
 kernel void probe_rows(constant View *view, global const ProjectedSplat *records, global const ProjectedExtra *extra,
                        global const SplatAttributes *attributes, global const int *ids, const int num_records,
                        const int x, const int y, const real near, const real far, global const real *depth,
@@ -123,7 +123,8 @@ kernel void probe_rows(constant View *view, global const ProjectedSplat *records
         filtered ? square_root(filter_radius2(&p, inverse_radius2)) : (real)INFINITY,
         exists ? f.z : disc_z, f.weight, sums.SUM_WEIGHT, sums.s0, sums.s1, sums.s2, sums.s3, sums.s4, sums.s5,
         ids[i], count,
-        (p.hit.inside && in_range && kept ? STATE_HIT : 0) | (p.hit.inside && !in_range ? STATE_OUT : 0) | (exists ? STATE_EXISTS : 0) |
-            (accepted ? STATE_ACCEPTED : 0) | (p.record.u_1 == R(2.0) ? STATE_EDGE_ON : 0) | (kept ? 0 : STATE_CUT)};
+        (p.hit.inside && in_range && kept ? STATE_HIT : 0) | (p.hit.inside && !in_range ? STATE_OUT : 0) |
+            (exists ? STATE_EXISTS : 0) | (accepted ? STATE_ACCEPTED : 0) |
+            (p.record.u_1 == R(2.0) ? STATE_EDGE_ON : 0) | (kept ? 0 : STATE_CUT)};
   }
 }

@@ -1,7 +1,8 @@
-// Attribute pass: every fragment no farther than depth(p) + epsilon adds weight * attribute, in splat order.
-// A work-item takes one region of a tile, streams the tile's run again and keeps the region's sums to itself.
+// The attribute pass: each fragment no farther than depth(p) + epsilon adds weight * attribute, in splat order.
 //
-// CHANNELS  1: not colour and normal are summed, but six further channels of each splat
+// A work-item takes one region of a tile, streams the tile's run of records and keeps the sums of its region private.
+//
+// CHANNELS  1: six further channels of each splat are summed, 0: color and normal
 
 #include "arithmetic/reals.h"
 #include "arithmetic/lanes.h"
@@ -12,7 +13,7 @@
 #include "passes/contribution.h"
 #include "passes/tile.h"
 
-// The sums of a region, and what is accepted there.
+// The sums of a region, and the greatest accepted depth at each of its pixels.
 typedef struct {
   real8 sums[REGION_PIXELS];
   uint count[REGION_PIXELS];
@@ -27,17 +28,17 @@ static inline void add_to_pixel(region_sums *t, int p, const real8 *attributes, 
 
 #define FARTHEST_AT(lane, p) t->farthest[p + offset[lane]]
 
-// What there is of each entry of the tile lists.
+// The data of each entry of the tile lists.
 typedef struct {
   global const ProjectedSplat *records;
   global const ProjectedExtra *extra;
   global const SplatAttributes *attributes;
   global const uint2 *boxes;
-  global const real *channels;  // eight for each splat, six of them used
+  global const real *channels;  // eight per splat, of which six are used
   global const int *ids;
 } entries;
 
-// What an entry's weights multiply.
+// The values that an entry's weights multiply.
 static inline void load_values(real8 *values, const entries *in, int entry)
 {
 #if CHANNELS
@@ -48,9 +49,9 @@ static inline void load_values(real8 *values, const entries *in, int entry)
 #endif
 }
 
-// LANES splats in small boxes, pixel by pixel of each; then splat by splat, in order, into the sums.
+// Add LANES splats in small boxes: compute pixel by pixel of all boxes at once, then add splat by splat, in order.
 static inline void add_small_boxes(region_sums *t, const entries *in, const int *place, int num, const discs *s,
-                               const prefilters *p, const extras *e, const boxes *b, const fragment_settings *r)
+                                   const prefilters *p, const extras *e, const boxes *b, const fragment_settings *r)
 {
   contribution found[SMALL * SMALL];
   const counted_boxes c = count_boxes(b);
@@ -66,12 +67,14 @@ static inline void add_small_boxes(region_sums *t, const entries *in, const int 
     load_values(&values, in, place[lane]);
     const int across = WHOLE_OF(c.across, lane), down = WHOLE_OF(c.down, lane);
     for (int y = 0; y < down; ++y)
-      for (int x = 0; x < across; ++x) add_to_pixel(t, offset[lane] + y * REGION + x, &values, &found[y * SMALL + x], lane);
+      for (int x = 0; x < across; ++x)
+        add_to_pixel(t, offset[lane] + y * REGION + x, &values, &found[y * SMALL + x], lane);
   }
 }
 
-// One splat in a box of any size, LANES pixels at a time.
-static inline void add_large_box(region_sums *t, const entries *in, int entry, int first, int across, int down, const fragment_settings *r)
+// Add one splat in a box of any size, LANES pixels at a time.
+static inline void add_large_box(region_sums *t, const entries *in, int entry, int first, int across, int down,
+                                 const fragment_settings *r)
 {
   const ProjectedSplat whole = in->records[entry];
   const discs s = disc_of(&whole);
@@ -103,7 +106,8 @@ static inline void add_large_box(region_sums *t, const entries *in, int entry, i
 #define PREFILTER_X(lane, attributes) attributes[place[lane]].prefilter_x
 #define PREFILTER_Y(lane, attributes) attributes[place[lane]].prefilter_y
 
-static inline void add_batch(region_sums *t, const entries *in, const int *place, int num, const region *w, const fragment_settings *r)
+static inline void add_batch(region_sums *t, const entries *in, const int *place, int num, const region *w,
+                             const fragment_settings *r)
 {
   const boxes b = boxes_of((masks)EACH_LANE(BOX_LOW, in->boxes), (masks)EACH_LANE(BOX_HIGH, in->boxes), num, w);
   if (all_small(&b)) {
@@ -121,9 +125,9 @@ static inline void add_batch(region_sums *t, const entries *in, const int *place
     add_large_box(t, in, place[lane], WHOLE_OF(c.first, lane), WHOLE_OF(c.across, lane), WHOLE_OF(c.down, lane), r);
 }
 
-// Nothing yet, and the farthest that is accepted at each pixel of the image; return the farthest of all.
-static inline real begin_sums(region_sums *t, constant View *view, const region *w, global const real *depth, real epsilon,
-                                int along_ray)
+// Clear the sums and set the greatest accepted depth of each pixel in the image; return the greatest of all.
+static inline real begin_sums(region_sums *t, constant View *view, const region *w, global const real *depth,
+                              real epsilon, int along_ray)
 {
   real farthest = -(real)INFINITY;
   for (int p = 0; p < REACHED_PIXELS; ++p) t->farthest[p] = -(real)INFINITY;
@@ -179,7 +183,7 @@ static inline void write_zeros(global real *image, long first, int num)
   for (int i = 0; i < num; ++i) image[first + i] = R(0.0);
 }
 
-// The same where there is nothing: half of an image may be background.
+// Write the sums of a region without records: half of an image may be background.
 static inline void write_nothing(const sum_images *to, constant View *view, const region *w)
 {
   const int across = least(REGION, view->width - w->x);

@@ -1,8 +1,10 @@
-// Bin: the splats that may touch each tile of the image, in splat order. A stable counting sort without atomics: each
-// chunk of consecutive splats counts its own, and writes where the chunks before it end.
-// LAYERED 1: each entry gets a clue as well, by which the projection passes over what nearer splats hide.
-// Bounds are generous and cheap: a box about the disc in eye space, in plain precision, and all that could go wrong
-// added. The exact ones, by which pixels are chosen, are those of project.cl.
+// The bin pass: for each tile of the image, list the splats that may touch it, in splat order.
+//
+// This is a stable counting sort without atomics. Each chunk of consecutive splats counts its own entries, and writes
+// them after those of the chunks before it. Bounds here are cheap and conservative: a box about the disc in eye space,
+// in plain precision, plus all rounding errors. project.cl computes the exact bounds, which select pixels.
+//
+// LAYERED  1: each entry also gets an occlusion key (occlusion.h), so the projection skips occluded splats; 0: not
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -12,22 +14,22 @@
 #include "splat/extra.h"
 #include "passes/occlusion.h"
 
-#define FACING_SLACK R(1.52587890625e-5)  // of |t_u||t_v||c|: ten times what can be wrong with the sign of g.c
-#define CENTER_SLACK R(4.7683716e-7)      // of the products that a centre's coordinate is a sum of
-#define TILT_SLACK R(0.032)               // of the larger side: half of project.cl's SLACK_TILT for the steepest disc
-#define NEAR_SLACK R(1.1e-5)              // of the distance from the principal point: as project.cl has it, cut at near
+#define FACING_SLACK R(1.52587890625e-5)  // times |t_u||t_v||c|: ten times the error that can turn the sign of g.c
+#define CENTER_SLACK R(4.7683716e-7)      // times the products that sum to a center's coordinate
+#define TILT_SLACK R(0.032)               // times the larger side: project.cl's SLACK_TILT, halved, at the steepest
+#define NEAR_SLACK R(1.1e-5)              // times the distance from the principal point: as in bounds.h's near_extent
 #define PIXEL_SLACK R(0.03125)
 
-// A disc whose depth is sure: not steeper, with tangents not more parallel (squares of the cosine and the sine), and not
-// deeper, as a share of its centre's z. DEPTH_SLACK, of its extent, and DISTANCE_SLACK, of |c|, are far more than its
-// fragments' depths may then be wrong by.
+// Limits within which the depths of a disc's fragments are safe: its tilt and the angle of its tangents (squares of
+// cosine and sine), and its depth as a share of its center's z. DEPTH_SLACK times its extent plus DISTANCE_SLACK times
+// |c| is then far above the errors of these depths.
 #define SURE_TILT R(9.765625e-4)
 #define SURE_ANGLE R(3.90625e-3)
 #define SURE_DEEP R(0.25)
 #define DEPTH_SLACK R(0.015625)
 #define DISTANCE_SLACK R(1e-4)
 
-// LANES numbers from i on, a multiple of LANES, of each plane of a structure-of-arrays buffer.
+// Load LANES numbers from index i, a multiple of LANES, of each plane of a structure-of-arrays buffer.
 static inline reals3 load3(global const real *planes, int stride, int i)
 {
   global const reals *x = (global const reals *)planes + i / LANES;
@@ -37,22 +39,22 @@ static inline reals3 load3(global const real *planes, int stride, int i)
 
 static inline reals length1(reals3 v) { return magnitude(v.x) + magnitude(v.y) + magnitude(v.z); }
 
-// Along one axis, pixels that LANES splats may touch, ends included; none where first > last.
+// The pixels along one axis that LANES splats may touch, both ends included; none if first > last.
 typedef struct {
   reals first, last;
 } pixel_range;
 
-// What is known of the centres in eye space, and how far wrong it may be.
+// The centers in eye space and their errors.
 typedef struct {
   reals3 center;
   reals error, z_low, z_high;
-  masks filtered;  // the pre-filter may show it
+  masks filtered;  // the pre-filter may cover pixels
   real around;     // radius of the pre-filter, pixels
 } centers;
 
 static inline real at_least_of(real a, real b) { return a > b ? a : b; }
 
-// Where a disc within `reach` of `center` lies, from the principal point.
+// The pixels of a disc within `reach` of `center`, from the principal point.
 static inline pixel_range disc_pixels(const centers *s, reals center, reals reach, real focal)
 {
   pixel_range r = {(center - reach - s->error) * focal, (center + reach + s->error) * focal};
@@ -63,9 +65,10 @@ static inline pixel_range disc_pixels(const centers *s, reals center, reals reac
   return r;
 }
 
-// Pixels of a disc, with `slack` for its tilt, and of its pre-filter; or of an affine map's ellipse, which may reach `spread` in
-// the plane of the centre.
-static inline pixel_range touched_pixels(const centers *s, pixel_range disc, reals slack, reals center, reals spread, real focal, real principal)
+// The pixels of a disc, with `slack` for its tilt, and of its pre-filter; or of an affine map's ellipse, which may
+// extend by `spread` in the plane of the center.
+static inline pixel_range touched_pixels(const centers *s, pixel_range disc, reals slack, reals center, reals spread,
+                                         real focal, real principal)
 {
   reals middle = center * focal, off = s->error * focal;
 #if ELLIPSE == AFFINE
@@ -85,16 +88,17 @@ static inline pixel_range touched_pixels(const centers *s, pixel_range disc, rea
   return r;
 }
 
-// The whole pixels of a range, of an image `size` pixels large.
+// The whole pixels of a range in an image of `size` pixels.
 static inline pixel_range whole(pixel_range r, real size)
 {
-  pixel_range p = {round_up(at_most(at_least(r.first, R(-1.0)), size)), round_down(at_least(at_most(r.last, size), R(-1.0)))};
+  pixel_range p = {round_up(at_most(at_least(r.first, R(-1.0)), size)),
+                   round_down(at_least(at_most(r.last, size), R(-1.0)))};
   p.first = at_least(p.first, R(0.0));
   p.last = at_most(p.last, size - R(1.0));
   return p;
 }
 
-// Splats that the camera surely sees from behind.
+// Splats that certainly face away from the eye.
 static inline masks surely_away(reals3 tu, reals3 tv, reals3 c, reals error)
 {
   const reals3 g = cross3(tu, tv);
@@ -103,13 +107,14 @@ static inline masks surely_away(reals3 tu, reals3 tv, reals3 c, reals error)
   return MASK(dot3(g, c) > size * (length1(c) * FACING_SLACK + error * R(2.0)));
 }
 
-// The window's pixels that LANES splats may touch, and a depth that none of their fragments is nearer than, or 0.
+// The window's pixels that LANES splats may touch, and a lower bound of their fragments' depths, or 0.
 typedef struct {
   pixel_range x, y;
   reals near_z;
 } touched;
 
-// `deep` and `extent`: half a box about the disc, along z, and along all three axes together.
+// The lower bound of the depths. `deep` and `extent` are half the sides of a box about the disc: along z, and their
+// sum.
 static inline reals sure_depth(reals3 tu, reals3 tv, reals3 c, reals error, reals deep, reals extent)
 {
   const reals3 g = cross3(tu, tv);
@@ -120,7 +125,7 @@ static inline reals sure_depth(reals3 tu, reals3 tv, reals3 c, reals error, real
   return SELECT(R(0.0), at_least(z, R(0.0)), sure);
 }
 
-// `alive`, in and out: which of the splats are asked for, and which may touch a pixel.
+// `alive` is in and out: the splats that are asked for, and those of them that may touch a pixel.
 static inline touched touched_by(constant View *view, reals3 world, reals3 tu_world, reals3 tv_world, masks *alive)
 {
   const reals3 turned = rotate(view, world), tu = rotate(view, tu_world), tv = rotate(view, tv_world);
@@ -137,7 +142,7 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   if (!(view->prefilter | ELLIPSE)) s.filtered = 0;
   reals wide = square_root(tu.x * tu.x + tv.x * tv.x), high = square_root(tu.y * tu.y + tv.y * tv.y);
 #if !ORTHOGRAPHIC
-  // Only a disc that comes nearer to the eye plane than that is cut at near (project.cl, CLEAR).
+  // Only a disc that comes nearer to the eye plane than this is cut at near (bounds.h, CLEAR).
   const reals shallowest = SELECT(near, at_most(c.z * R(5e-5), near), in_front);
   s.z_low = SELECT(shallowest, s.z_low, MASK(s.z_low > shallowest));
 #endif
@@ -155,13 +160,13 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   x = touched_pixels(&s, x, slack, c.x, spread_x, view->fx_hi, view->cx_hi - (real)view->first_column);
   y = touched_pixels(&s, y, slack, c.y, spread_y, view->fy_hi, view->cy_hi - (real)view->first_row);
   const int around_bounds = view->prefilter_at_bounds | (view->low_pass_reach > R(0.0));
-  if (around_bounds) {  // its centre may be anywhere in them
+  if (around_bounds) {  // the pre-filter's center may be anywhere in the bounds
     const reals around = (reals)(at_least_of(view->prefilter_radius, view->low_pass_reach) + PIXEL_SLACK);
     x = (pixel_range){x.first - around, x.last + around};
     y = (pixel_range){y.first - around, y.last + around};
   }
 #if !ORTHOGRAPHIC
-  // Near the eye plane, or so large that the exact bounds overflow.
+  // The center is near the eye plane, or the disc is so large that the exact bounds overflow.
   const reals extent = (wide + high + deep) * length1(c) * R(4.0);
   const masks anywhere = (in_front & MASK(c.z < error * R(4.0))) | ~MASK(extent * extent < (real)INFINITY);
   x = (pixel_range){SELECT(x.first, R(0.0), anywhere), SELECT(x.last, (real)view->width, anywhere)};
@@ -176,7 +181,7 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   return t;
 }
 
-// Column and row, in quarters of tiles' sides (clue.h), of pixels; 16 bits each, as TouchedQuarters has them.
+// The quarters of tiles' sides (occlusion.h) of pixels: column and row, 16 bits each, as in TouchedQuarters.
 static inline masks quarters_of(reals x, reals y)
 {
   return (whole_of(x) >> (bits)QUARTER_SHIFT) | ((whole_of(y) >> (bits)QUARTER_SHIFT) << (bits)16);
@@ -189,7 +194,8 @@ static inline masks quarters_of(reals x, reals y)
   for (int y = Y_OF((l).first) >> 2; y <= Y_OF((l).last) >> 2; ++y) \
     for (int x = X_OF((l).first) >> 2; x <= X_OF((l).last) >> 2; ++x)
 
-// List each chunk's splats that may touch the image, with the quarters; for each tile count them and find the nearest.
+// List each chunk's splats that may touch the image, with their quarters. For each tile, count them and find the
+// nearest.
 kernel void bin_count(constant View *view, global const real *center, global const real *tangent_u,
                       global const real *tangent_v, const int num_splats, const int stride, const int spread,
                       const int chunk_size, const int tiles_x, const int num_tiles, global TouchedQuarters *lists,
@@ -230,8 +236,8 @@ kernel void bin_count(constant View *view, global const real *center, global con
   num_listed[chunk] = place - begin;
 }
 
-// Turn each tile's counts into the place, within its list, where each chunk begins; and give the list's length, and how
-// deep its first layer goes: `thickness` (perspective: times z) behind the nearest.
+// Replace each tile's counts by the place in its list where each chunk begins. Give the length of the list and the end
+// of its front layer: `thickness` (in perspective times z) behind the nearest splat.
 kernel void bin_offsets(global int *tile_counts, global const int *tile_nearest, const int num_chunks,
                         const int num_tiles, const float thickness, global int *totals, global int *layer_ends)
 {
@@ -252,7 +258,7 @@ kernel void bin_offsets(global int *tile_counts, global const int *tile_nearest,
 #endif
 }
 
-// The quarters of a tile's side that lie in [first, last], two bits each.
+// The first and last quarter of a tile's side that lie in [first, last], two bits each.
 static inline int key_of(int tile, int first, int last)
 {
   return (first >> 2 == tile ? first & 3 : 0) | (last >> 2 == tile ? last & 3 : 3) << 2;
@@ -261,8 +267,8 @@ static inline int key_of(int tile, int first, int last)
 // Write the lists of the tiles [first_tile, last_tile).
 kernel void bin_scatter(global const TouchedQuarters *lists, global const int *num_listed, const int spread,
                         const int chunk_size, global int *tile_offsets, global const int *tile_begin, global int *ids,
-                        global const int *layer_ends, global int *occlusion_keys, const int tiles_x, const int num_tiles,
-                        const int first_tile, const int last_tile)
+                        global const int *layer_ends, global int *occlusion_keys, const int tiles_x,
+                        const int num_tiles, const int first_tile, const int last_tile)
 {
   const int chunk = get_global_id(0) * spread % get_global_size(0);
   const int begin = chunk * chunk_size, end = begin + num_listed[chunk];
@@ -276,7 +282,8 @@ kernel void bin_scatter(global const TouchedQuarters *lists, global const int *n
       ids[place] = l.id;
 #if LAYERED
       const int near_z = l.near_z > layer_ends[tile] ? l.near_z : 0;
-      occlusion_keys[place] = near_z | key_of(x, X_OF(l.first), X_OF(l.last)) | key_of(y, Y_OF(l.first), Y_OF(l.last)) << 4;
+      occlusion_keys[place] =
+          near_z | key_of(x, X_OF(l.first), X_OF(l.last)) | key_of(y, Y_OF(l.first), Y_OF(l.last)) << 4;
 #endif
     }
   }

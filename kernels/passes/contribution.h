@@ -1,5 +1,7 @@
-// Fragments weighted and lit: what they add to the sums of pixels. Needs arithmetic.h, ray.h, splat.h, fragment.h and
-// weight.h, and of those who light each fragment the build option SHADER.
+// Provides the contributions of fragments to the sums of pixels: weighted and, in forward shading, shaded.
+//
+// SHADER   the header with shade_surface()
+// SHADING  as in splat/extra.h; PER_FRAGMENT shades here
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
@@ -21,7 +23,7 @@
 #define FRAGMENT_LIGHT_ARGUMENTS
 #endif
 
-// What is the same for every fragment.
+// The settings that all fragments of a work-item share.
 typedef struct {
   real near, far, falloff, inverse_radius2;
   constant real *table;
@@ -33,7 +35,7 @@ typedef struct {
 #endif
 } fragment_settings;
 
-// What LANES pixels or splats add: all zero where a fragment does not exist or is not accepted.
+// The contributions at LANES pixels or of LANES splats: zero where no fragment exists or it is not accepted.
 typedef struct {
   reals weight, z;
   masks accepted;
@@ -43,8 +45,9 @@ typedef struct {
 } contribution;
 
 #if VARYING
-// What the fragments themselves add: their own normals, and colours that are lit already ([BSK04]).
-static inline void vary(contribution *t, const extras *e, const hit *h, const fragment *f, reals x, reals y, const fragment_settings *r)
+// Give the fragments' own normals (normal fields) and their shaded colors ([BSK04]).
+static inline void vary(contribution *t, const extras *e, const hit *h, const fragment *f, reals x, reals y,
+                        const fragment_settings *r)
 {
   t->color = e->color;
   t->normal = e->normal;
@@ -53,7 +56,8 @@ static inline void vary(contribution *t, const extras *e, const hit *h, const fr
   t->normal = normalize3(add3(e->normal, add3(scale3(e->normal_du, u), scale3(e->normal_dv, v))));
 #endif
 #if SHADING == PER_FRAGMENT
-  const reals column = x - (real)r->view->first_column, row = y - (real)r->view->first_row;  // in the window
+  // From the window's first pixel.
+  const reals column = x - (real)r->view->first_column, row = y - (real)r->view->first_row;
   const reals3 d = {ray_x(r->view, column), ray_y(r->view, row), R(1.0)};
   const reals3 position = ray_point(d, t->z);
   const surfaces s = surface_point(position, d, t->normal, t->color, e, r->shading);
@@ -62,9 +66,9 @@ static inline void vary(contribution *t, const extras *e, const hit *h, const fr
 }
 #endif
 
-// At pixels x, y from (left, top), of those `asked` for.
-static inline contribution contribution_at(const discs *s, const prefilters *p, const extras *e, reals x, reals y, masks asked,
-                             reals farthest, const fragment_settings *r)
+// The contributions at pixels x, y from (left, top) where `asked`. `farthest` is the greatest accepted depth.
+static inline contribution contribution_at(const discs *s, const prefilters *p, const extras *e, reals x, reals y,
+                                           masks asked, reals farthest, const fragment_settings *r)
 {
   const hit h = intersect(s, x + (real)r->left, y + (real)r->top);
   const fragment f = fragment_of(s, p, e, &h, r->near, r->far, r->inverse_radius2);
@@ -89,7 +93,7 @@ static inline contribution contribution_at(const discs *s, const prefilters *p, 
   return t;
 }
 
-// What one lane of a fragment adds to a pixel's sums; adding zero leaves a sum's bits as they are.
+// Add one lane's contribution to a pixel's sums. Adding zero does not change the bits of a sum.
 static inline void add_lane(real8 *sums, const real8 *attributes, const contribution *f, int lane)
 {
 #if VARYING

@@ -1,6 +1,9 @@
-// The light map: for directions on a square (octahedral.h), what the lights are worth to a surface whose normal that is,
-// sum L max(N.L, 0), and to one that mirrors the eye there, sum L (R.L)^shininess over R.L > 0. Every light is a direction
-// here, a headlight that toward the eye. A work-item takes LANES samples of a row.
+// The light map: for each direction on a square (octahedral.h), the light on a surface with this normal, sum L max(N.L,
+// 0), and on one that mirrors the eye in this direction, sum L (R.L)^shininess over R.L > 0.
+//
+// Every light is a direction here; a headlight's is toward the eye. A work-item takes LANES samples of a row.
+//
+// LIGHTMAP  samples of the square each way
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
@@ -21,7 +24,7 @@ kernel void lightmap(constant Shading *shading, constant PhongLight *lights, glo
   reals columns;
   for (int lane = 0; lane < LANES; ++lane) ((real *)&columns)[lane] = (real)(x + least(lane, num - 1));
   const reals3 d = direction_of(columns, (reals)(real)y);
-  reals3 diffuse = scale3(d, R(0.0)), specular = diffuse;  // no constants: rusticl copies such a one wrongly
+  reals3 diffuse = scale3(d, R(0.0)), specular = diffuse;  // not a constant: rusticl copies it wrongly
   for (int i = 0; i < shading->num_lights; ++i) {
     const reals3 tint = {lights[i].red, lights[i].green, lights[i].blue};
     const reals cosine = dot3(d, direction_to(lights + i));

@@ -1,15 +1,16 @@
-// Hide: which splats behind a tile's front layer, now that this is drawn, cannot show. A work-item takes one tile.
+// Occlusion culling: mark the splats behind a tile's front layer that this layer occludes. It runs after the visibility
+// pass of the front layer. A work-item takes one tile.
 
 #include "arithmetic/reals.h"
 #include "passes/occlusion.h"
 
-// The farthest depth that is accepted in each of a tile's four by four parts, and the bits of the farthest.
+// The greatest accepted depth in each of a tile's four by four parts, and the bits of the greatest of all.
 typedef struct {
   real part[16];
   int farthest;
 } occluders;
 
-// For the tile whose first pixel is (left, top), as `depth` is so far.
+// The occluders in the tile with first pixel (left, top), by the depth so far.
 static inline occluders occluders_of(global const real *depth, int left, int top, int width, int height, real epsilon)
 {
   occluders h;
@@ -34,7 +35,7 @@ static inline occluders occluders_of(global const real *depth, int left, int top
   return h;
 }
 
-// Whether a splat may show: its fragments are no nearer than near_z, and are not accepted beyond what is farthest.
+// Whether a splat may be visible: its fragments have depths >= near_z, and are accepted up to the parts' depths.
 static inline int may_be_visible(int key, const occluders *h)
 {
   const real near_z = (real)as_float(NEAR_BITS(key));
@@ -45,7 +46,8 @@ static inline int may_be_visible(int key, const occluders *h)
 }
 
 kernel void occlusion(global int *occlusion_keys, const int first, global const int *tile_begin, const int first_tile,
-                 const int tiles_x, const int width, const int height, const real epsilon, global const real *depth)
+                      const int tiles_x, const int width, const int height, const real epsilon,
+                      global const real *depth)
 {
   const int run = get_global_id(0), tile = first_tile + run;
   const int begin = first + tile_begin[run], end = first + tile_begin[run + 1];

@@ -1,6 +1,9 @@
-// Project: the splats of the tile lists -> the records that the raster passes stream, one for each entry.
-// Centres may have a low word (CENTER_LOW 1: float64 input in single precision).
+// The projection pass: from the splats of the tile lists to the records of the raster passes, one record per entry.
+//
 // A work-item takes ENTRIES entries, LANES at a time.
+//
+// CENTER_LOW  1: centers have a low word, as float64 input in single precision has, 0: not
+// LAYER       the entries to project (occlusion.h)
 
 #include "arithmetic/reals.h"
 #include "arithmetic/exact.h"
@@ -18,15 +21,14 @@
 #include "shading/gouraud.h"
 #include "passes/occlusion.h"
 
-// Coverage is decided per pixel (splat.h); bounds only have to be safe. SLACK_PIXELS covers the rounding of the
-// pixel offsets, the relative terms that of the coefficients, which grows with 1/cos(tilt).
+// disc.h decides coverage per pixel, so bounds only have to be conservative. SLACK_PIXELS covers the rounding errors of
+// the pixel offsets. The relative terms cover those of the coefficients, which grow with 1/cos(tilt).
 #define SLACK_PIXELS R(0.0078125)
 #define SLACK_SIZE R(3.8147e-6)
 #define SLACK_TILT R(9.5367e-7)
-#define EDGE_ON R(1.52587890625e-5)  // |cos(tilt)| at or below which a splat is edge-on (docs/specification.md)
-#define TILTED R(0.03125)             // |cos(tilt)| below which a splat's coefficients need twice the precision
-#define DEEP R(0.25)                 // a disc that reaches deeper than this share of its centre's z
-
+#define EDGE_ON R(1.52587890625e-5)  // a splat with |cos(tilt)| up to this is edge-on (specification)
+#define TILTED R(0.03125)             // a splat with |cos(tilt)| below this needs twice the precision
+#define DEEP R(0.25)                 // a disc is deep if it reaches beyond this share of its center's z
 
 static inline reals3 oriented_normal(constant View *view, reals3 g, reals3 center, reals *facing_dot)
 {
@@ -37,8 +39,8 @@ static inline reals3 oriented_normal(constant View *view, reals3 g, reals3 cente
   return flipped;
 }
 
-// The coefficients of u, v and z over pixel offsets from the reference point p of the splat's plane
-// (docs/specification.md, Fragment): u = (u_x dx + u_y dy + u_1 den) / den with den = 1 + g_x dx + g_y dy.
+// The coefficients of u, v and z over pixel offsets from the reference point p of the splat's plane (specification,
+// Fragment): u = (u_x dx + u_y dy + u_1 den) / den with den = 1 + g_x dx + g_y dy.
 static inline void coefficients(constant View *view, projected *s, reals3 tu, reals3 tv, reals3 g, reals3 p)
 {
 #if ORTHOGRAPHIC
@@ -65,8 +67,8 @@ static inline void coefficients(constant View *view, projected *s, reals3 tu, re
 }
 
 #if !ORTHOGRAPHIC
-// coefficients() to twice the precision and then rounded, in the lanes of `hard`: near edge-on, or where the
-// reference point is far from the centre, the float32 cross products lose the plane.
+// coefficients() in twice the precision, then rounded, in the lanes of `hard`. Near edge-on, or with the reference
+// point far from the center, the cross products of plain precision lose the plane.
 static inline void hard_coefficients(constant View *view, projected *s, eye_point tu, eye_point tv, eye_point p,
                                      masks hard)
 {
@@ -83,11 +85,12 @@ static inline void hard_coefficients(constant View *view, projected *s, eye_poin
 }
 #endif
 
-// Raster coordinate of the reference point as a whole pixel and an offset from that pixel's centre.
-static inline void reference(twofloat point, twofloat z, twofloat focal, twofloat principal, reals *pixel, reals *offset)
+// The raster coordinate of the reference point as a whole pixel and an offset from that pixel's center.
+static inline void reference(twofloat point, twofloat z, twofloat focal, twofloat principal, reals *pixel,
+                             reals *offset)
 {
   twofloat image = ORTHOGRAPHIC ? point : two_divide(point, z);
-  twofloat raster = two_add(two_multiply(focal, image), principal);  // principal is given from pixel 0's centre
+  twofloat raster = two_add(two_multiply(focal, image), principal);  // principal counts from pixel 0's center
   *pixel = round_even(raster.hi);
   *offset = (raster.hi - *pixel) + raster.lo;
 }
@@ -111,8 +114,8 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   masks edge_on = MASK(magnitude(facing_dot) <= distance * EDGE_ON);
   masks culled = MASK(facing_dot >= R(0.0)) & (masks)(view->facing == CULL ? -1 : 0);
 
-  // A splat is described from its centre; one whose centre is not visible, or much nearer than its farthest point,
-  // from that: z = z_farthest / den with den >= 1 does not cancel.
+  // The reference point of a splat is its center. If the center lies before the near plane, or the disc is deep, it is
+  // the disc's farthest point instead: z = z_farthest / den with den >= 1 does not cancel.
   masks straddles = ORTHOGRAPHIC ? (masks)0 : MASK(c.z < view->near);
   masks from_farthest = ORTHOGRAPHIC ? (masks)0 : straddles | MASK(reach > c.z * DEEP);
   s.u_1 = SELECT(R(0.0), divide(tu.z, reach), from_farthest);
@@ -138,7 +141,7 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   if (any_hard) hard_coefficients(view, &s, tu2, tv2, p2, hard);
 #endif
   s.center_z = c.z;
-  reals center_x = R(0.0), center_y = R(0.0);  // the projected centre from the reference point, pixels
+  reals center_x = R(0.0), center_y = R(0.0);  // from the reference point to the projected center, pixels
   if (ANY(from_farthest & ~straddles)) {
     reals pixel_x, pixel_y, offset_x, offset_y;
     reference(c2.x, c2.z, TWO(fx), TWO(cx), &pixel_x, &offset_x);
@@ -148,13 +151,13 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   }
   s.u_x = SELECT(s.u_x, R(0.0), edge_on);
   s.u_y = SELECT(s.u_y, R(0.0), edge_on);
-  s.u_1 = SELECT(s.u_1, R(2.0), edge_on);  // outside the disc everywhere
+  s.u_1 = SELECT(s.u_1, R(2.0), edge_on);  // every pixel is outside the disc
   s.v_x = SELECT(s.v_x, R(0.0), edge_on);
   s.v_y = SELECT(s.v_y, R(0.0), edge_on);
   s.g_x = SELECT(s.g_x, R(0.0), edge_on);
   s.g_y = SELECT(s.g_y, R(0.0), edge_on);
 
-  // Bounds of the disc.
+  // The bounds of the disc.
 #if ORTHOGRAPHIC
   masks exact = (masks)-1;
   extent ex = {(reals)R(0.0), square_root(tu.x * tu.x + tv.x * tv.x) * view->fx_hi};
@@ -180,7 +183,8 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   reals size = SELECT(ey.reach, ex.reach, MASK(ex.reach > ey.reach));
   const reals lean = divide(distance, magnitude(facing_dot));  // 1 / cos(tilt)
   reals slack = size * (SLACK_SIZE + SLACK_TILT * lean) + SLACK_PIXELS;
-  const real near = view->near - magnitude_of(view->near) * R(1e-5), far = view->far + magnitude_of(view->far) * R(1e-5);
+  const real near = view->near - magnitude_of(view->near) * R(1e-5);
+  const real far = view->far + magnitude_of(view->far) * R(1e-5);
   masks hittable = ~edge_on & MASK(c.z + reach >= near) & MASK(c.z - reach <= far);
 #if ELLIPSE
   ellipse e = ellipse_of(view, c, tu, tv, g, reach);
@@ -196,7 +200,7 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
 #endif
   s.disc = pixels_of(view, &s, &disc);
 
-  // The pre-filter's disc around the projected centre, or around the centre of those bounds.
+  // The bounds of the pre-filter, about the projected center or about the center of the disc's bounds.
   masks at_bounds = (masks)(view->prefilter_at_bounds ? -1 : 0);
   masks filtered = MASK(c.z >= view->near) & MASK(c.z <= view->far) & (exact | ~at_bounds);
   filtered = filtered & (masks)(view->prefilter ? -1 : 0);
@@ -209,7 +213,7 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   s.prefilter_y = SELECT(NOWHERE, s.prefilter_y, filtered);
 
   s.near_z = at_least(least_depth(view, &s), view->near);
-  s.near_z = SELECT(s.near_z, at_most(s.near_z, c.z), ELLIPSE ? (masks)-1 : filtered);  // where the ray misses the disc
+  s.near_z = SELECT(s.near_z, at_most(s.near_z, c.z), ELLIPSE ? (masks)-1 : filtered);  // rays that miss the disc
 #if EXTRA || SHADING == PER_SPLAT
   s.center = c;
   s.turned = MASK(facing_dot >= R(0.0)) & (masks)(view->facing == FLIP ? -1 : 0);
@@ -217,8 +221,8 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   return s;
 }
 
-// The lists lead to splats in any order, which caches do not hold: ask for each both of its cache lines AHEAD entries
-// before. (Waiting for them took half of the projection's time; prefetch() does nothing in PoCL.)
+// The lists lead to splats in any order, so caches miss. Both cache lines of a splat are therefore prefetched AHEAD
+// entries early. (prefetch() does nothing in PoCL.)
 #define AHEAD 24
 #if ON_POCL
 #define ASK_FOR_WORD(word) __builtin_prefetch((global const real *)(word))
@@ -229,13 +233,12 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
 
 #define LOW_WORD(lane, axis) center_low[3 * ids[entry[lane]] + axis]
 
-// A record for each entry of the tile lists that LAYER names: EVERY one; those in FRONT; or those BEHIND that are not
-// hidden (hide.cl). Of the others near_z says that there are no pixels.
+// Write a record for each entry of the tile lists in LAYER. Entries of other layers get near_z = NaN: no pixels.
 kernel void project(constant View *view, global const Splat *splats, global const real *center_low,
-                    global const SplatExtra *extra_in, global const int *ids, global const int *occlusion_keys, const int first,
-                    const int num_entries, global ProjectedSplat *records, global SplatAttributes *attributes,
-                    global uint2 *boxes_drawn, global real *disc_near_z, global real *near_z,
-                    global ProjectedExtra *extra SPLAT_LIGHT_PARAMETERS)
+                    global const SplatExtra *extra_in, global const int *ids, global const int *occlusion_keys,
+                    const int first, const int num_entries, global ProjectedSplat *records,
+                    global SplatAttributes *attributes, global uint2 *boxes_drawn, global real *disc_near_z,
+                    global real *near_z, global ProjectedExtra *extra SPLAT_LIGHT_PARAMETERS)
 {
   const outputs to = {records, attributes, boxes_drawn, disc_near_z, near_z};
   const int begin = get_global_id(0) * ENTRIES, end = least(begin + ENTRIES, num_entries);
@@ -261,7 +264,8 @@ kernel void project(constant View *view, global const Splat *splats, global cons
     const reals3 tv = {b.v[2], b.v[3], b.v[4]};
     reals3 color = {b.v[5], b.v[6], b.v[7]};
 #if CENTER_LOW
-    const reals3 world_low = {(reals)EACH_LANE(LOW_WORD, 0), (reals)EACH_LANE(LOW_WORD, 1), (reals)EACH_LANE(LOW_WORD, 2)};
+    const reals3 world_low = {(reals)EACH_LANE(LOW_WORD, 0), (reals)EACH_LANE(LOW_WORD, 1),
+                              (reals)EACH_LANE(LOW_WORD, 2)};
 #else
     const reals3 world_low = world;
 #endif

@@ -1,5 +1,8 @@
-// Shading pass: once per pixel, from the resolved G-buffer. SHADER names the header with shade_surface(), or, where it
-// defines TAKES_PIXELS, shade_pixels(), which may look at neighbours and the view. A work-item takes LANES pixels of a row.
+// The shading pass: shade each pixel once from the resolved G-buffer. A work-item takes LANES pixels of a row.
+//
+// SHADER  the header with shade_surface() or, if it defines TAKES_PIXELS, shade_pixels(), which also reads neighbors
+// GLOSS   bit 0 and bit 1: the first and second of the three channels of `gloss` replace the material's specular
+//         coefficient and shininess
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
@@ -20,8 +23,6 @@
   const long first = (long)at.y * view->width + at.x;                                       \
   surfaces s = surface_at(&at)
 
-// GLOSS: bit 0 and 1 say that the first or second of the three channels of `gloss` stands for the material's specular
-// coefficient or shininess.
 kernel void shade(constant View *view, constant Shading *shading, constant PhongLight *lights, constant Npr *npr,
                   constant real *tones, GBUFFER, global const real *gloss, global real *color LIGHT_ARGUMENTS)
 {
@@ -58,8 +59,9 @@ static inline void store3(global real *out, long p, reals3 v, int lane)
   out[3 * p + 2] = LANE_OF(v.z, lane);
 }
 
-kernel void shade_resolve(constant View *view, GBUFFER, global real *position, global real *normal, global real *albedo,
-                    global real *mean_depth, global real *distance)
+// Write the surface itself: the AOVs P, N, albedo and both depths.
+kernel void shade_resolve(constant View *view, GBUFFER, global real *position, global real *normal,
+                          global real *albedo, global real *mean_depth, global real *distance)
 {
   PIXELS;
   for (int lane = 0; lane < num; ++lane) {

@@ -1,8 +1,8 @@
-// What the raster passes share: the region of pixels that a work-item takes, and the records of its tile, LANES at a
-// time. Needs arithmetic.h, lanes.h, splat.h and the build options TILE and REGION.
+// Provides the region of pixels of a work-item, and the stream of its tile's records, LANES at a time.
 //
-// A region is REGION x REGION pixels of a tile of TILE x TILE: the whole tile, which suits a CPU; a part of it where a
-// few tiles hold most splats; or one pixel (REGION 1, LANES 1), which suits a GPU.
+// TILE    side of a tile, pixels
+// REGION  side of a region, pixels: the whole tile, which suits a CPU; a part of it where a few tiles hold most splats;
+//         or one pixel with LANES 1, which suits a GPU
 
 #include "arithmetic/reals.h"
 #include "arithmetic/lanes.h"
@@ -12,7 +12,7 @@
 #define REGIONS_X (TILE / REGION)  // of one tile
 #define REGIONS (REGIONS_X * REGIONS_X)
 #define REGION_PIXELS (REGION * REGION)
-#define SMALL 4  // boxes of at most SMALL x SMALL pixels are taken LANES splats at a time, others LANES pixels at a time
+#define SMALL 4  // boxes up to SMALL x SMALL pixels run LANES splats at a time, others LANES pixels at a time
 #define REACHED_PIXELS (REGION_PIXELS + SMALL * REGION + SMALL)  // of small boxes that begin in the region
 
 // The region of a work-item: its tile's run of records, and its first pixel.
@@ -49,7 +49,7 @@ static inline reals pixel_of(masks word, int shift)
   return real_of((word << (bits)(above - shift)) >> above);
 }
 
-// The boxes of two words each within the region, from its first pixel; those beyond the first `num` are empty.
+// The boxes of pairs of words, clipped to the region and relative to its first pixel; lanes from `num` on are empty.
 static inline boxes boxes_of(masks low, masks high, int num, const region *w)
 {
   const reals left = (reals)(real)w->x, top = (reals)(real)w->y, end = (reals)(real)(REGION - 1);
@@ -64,7 +64,7 @@ static inline boxes boxes_of(masks low, masks high, int num, const region *w)
   return b;
 }
 
-// Whole numbers of LANES boxes: the first pixel's index in the region, and how many pixels there are.
+// LANES boxes as integers: the first pixel's index in the region, and the numbers of columns and rows.
 typedef struct {
   masks first, across, down;
 } counted_boxes;
@@ -76,7 +76,7 @@ static inline counted_boxes count_boxes(const boxes *b)
   return c;
 }
 
-// From a block's first pixel in the region to each of its LANES pixels.
+// The offsets in the region from a block's first pixel to its LANES pixels.
 static inline void block_offsets(int *offset)
 {
   for (int lane = 0; lane < LANES; ++lane) offset[lane] = lane / BLOCK_X * REGION + lane % BLOCK_X;
@@ -87,21 +87,21 @@ static inline int all_small(const boxes *b)
   return LANES > 1 && !ANY(MASK(b->x_last - b->x_first >= (real)SMALL) | MASK(b->y_last - b->y_first >= (real)SMALL));
 }
 
-// Records are looked at so many at a time, and those that may be drawn are taken LANES at a time.
+// Records tested at a time; those near enough are then taken LANES at a time.
 #define QUEUE 128
 
-// Append to a queue of `num` the places in [begin, end) of records that are no farther than `farthest`.
+// Append to a queue of `num` places those in [begin, end) whose records are no farther than `farthest`.
 static inline int append_near(global const real *near_z, int begin, int end, real farthest, int *place, int num)
 {
   for (int i = begin; i < end; ++i) {
     place[num] = i;
-    num += near_z[i] <= farthest;  // not if it is NaN
+    num += near_z[i] <= farthest;  // false for NaN
   }
   return num;
 }
 
-// Take the records in [begin, end) that are no farther than `farthest`, which is asked for again and again:
-// TAKE(place, num) for the places of num <= LANES records; those beyond are records too.
+// Take the records in [begin, end) that are no farther than `farthest`, an expression evaluated anew for every QUEUE
+// records. TAKE(place, num) gets the places of num <= LANES records; the places from `num` on repeat valid records.
 #define STREAM(near_z, begin, end, farthest, TAKE)                                                     \
   {                                                                                                    \
     int place[QUEUE + LANES], num = 0;                                                                 \

@@ -1,9 +1,9 @@
-// A user's shader, once per pixel, from AOVs: LANES is 1, RESOLVED is 1. ATTRIBUTES and USER_SHADER are not files: the
-// first declares what the frame has besides (splatcl/user_shader.py), the second is the user's text, which defines
+// A user's shader: shade each pixel once from AOVs, so LANES and RESOLVED are 1. The user's text defines
 //
 //   float4 shade(const Surface s, const Scene scene);
 //
-// In here, Surface is the user's; the one of surface.h is Surfaces.
+// ATTRIBUTES   text, not a file: declares the further attributes of the frame
+// USER_SHADER  text, not a file: the user's
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
@@ -16,7 +16,7 @@ typedef struct {
   float3 position, normal, albedo;  // eye space: x right, y down, z forward
   float3 to_eye;                    // unit
   float depth;                      // eye z
-  int x, y;                         // the pixel
+  int x, y;                         // the pixel in the image
   Attributes attribute;
   Pixels pixels;
   surfaces exact;
@@ -36,28 +36,29 @@ typedef struct {
 
 static inline float3 as_float3_of(reals3 v) { return (float3)((float)v.x, (float)v.y, (float)v.z); }
 
-// A pixel farther off than FARTHEST, which a window of a supersampled image may lack, is the pixel itself.
+// A window of a supersampled image has a margin of this many pixels. The pixel itself replaces a neighbor beyond it.
 #define FARTHEST_NEIGHBOR 8
 static inline int is_near(int dx, int dy)
 {
-  return (dx >= -FARTHEST_NEIGHBOR) & (dx <= FARTHEST_NEIGHBOR) & (dy >= -FARTHEST_NEIGHBOR) & (dy <= FARTHEST_NEIGHBOR);
+  return (dx >= -FARTHEST_NEIGHBOR) & (dx <= FARTHEST_NEIGHBOR) & (dy >= -FARTHEST_NEIGHBOR) &
+         (dy <= FARTHEST_NEIGHBOR);
 }
 
-// Eye z at a neighbouring pixel, +inf where nothing is; outside the image the pixel's own.
+// Eye z at a neighboring pixel, +inf where there is no surface; outside the image the pixel's own.
 static inline float depth_at(const Surface s, int dx, int dy)
 {
   const int near = is_near(dx, dy);
   return (float)depths_at(&s.pixels, near ? dx : 0, near ? dy : 0);
 }
 
-// The normal there, 0 where nothing is.
+// The normal at a neighboring pixel, 0 where there is no surface.
 static inline float3 normal_at(const Surface s, int dx, int dy)
 {
   const int near = is_near(dx, dy);
   return as_float3_of(normals_at(&s.pixels, near ? dx : 0, near ? dy : 0));
 }
 
-// Light i, 0 ... scene.num_lights - 1, as it arrives at s.
+// Light i = 0 ... scene.num_lights - 1 as it arrives at s.
 static inline Light light_at(const Surface s, const Scene scene, int i)
 {
   const Arriving a = arriving(&s.exact, scene.lights + i);
@@ -66,8 +67,8 @@ static inline Light light_at(const Surface s, const Scene scene, int i)
 
 #include USER_SHADER
 
-kernel void user_shader(constant View *view, constant Shading *shading, constant PhongLight *lights, real time, GBUFFER,
-                 global real *color ATTRIBUTE_ARGUMENTS LIGHT_ARGUMENTS)
+kernel void user_shader(constant View *view, constant Shading *shading, constant PhongLight *lights, real time,
+                        GBUFFER, global real *color ATTRIBUTE_ARGUMENTS LIGHT_ARGUMENTS)
 {
   const Pixels at = {AS_GBUFFER, view, get_global_id(0), get_global_id(1)};
   const long p = (long)at.y * view->width + at.x;

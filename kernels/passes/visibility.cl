@@ -1,7 +1,8 @@
-// Visibility pass: depth(p) = min z over splats whose disc the pixel's ray hits, and which splat that was.
-// A work-item takes one region of a tile and streams the tile's run; the pre-filter takes no part.
+// The visibility pass: depth(p) = min z over the splats whose disc the pixel's ray hits, and the splat with that z.
 //
-// BEHIND_FRONT  1: in front of what has been drawn already (project.cl, LAYER)
+// A work-item takes one region of a tile and streams the tile's run of records. The pre-filter has no influence here.
+//
+// BEHIND_FRONT  1: start from the depth of the front layer (occlusion.h), 0: from +inf
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -10,14 +11,14 @@
 #include "splat/extra.h"
 #include "passes/tile.h"
 
-// The nearest so far at each pixel of a region.
+// The nearest hit so far at each pixel of a region.
 typedef struct {
   real depth[REACHED_PIXELS] __attribute__((aligned(sizeof(reals))));
   uint particleid[REGION_PIXELS];
-  int left, top;  // the first pixel's place in the image, of which a window is drawn
+  int left, top;  // the region's first pixel in the image, which may exceed the drawn window
 } nearest_hits;
 
-// Of equal depths the lower splat index is in front, whichever comes first.
+// At equal depths the lower splat index wins, so the order of splats does not matter.
 static inline void keep_nearest(nearest_hits *f, int p, real z, uint id)
 {
   const real depth = f->depth[p];
@@ -27,7 +28,7 @@ static inline void keep_nearest(nearest_hits *f, int p, real z, uint id)
   f->particleid[p] = closer ? id : particleid;
 }
 
-// Discs hit within near..far and not behind what is in front already.
+// Hits of discs within near..far, no farther than the nearest hit so far.
 typedef struct {
   reals z;
   masks in_front;
@@ -35,9 +36,10 @@ typedef struct {
 
 #define DEPTH(lane, depth) depth[offset[lane]]
 
-// `depth` so far, `offset` of each lane from there. `center_z` is of those footprints whose rays may miss the disc.
-static inline visible_hits visible_hits_at(const discs *s, const extras *e, reals center_z, reals x, reals y, masks in_box, real near,
-                            real far, const real *depth, const int *offset)
+// `depth` points to the nearest depths so far, `offset` leads from there to each lane's. Rays that miss the disc but
+// hit its elliptic footprint get `center_z`.
+static inline visible_hits visible_hits_at(const discs *s, const extras *e, reals center_z, reals x, reals y,
+                                           masks in_box, real near, real far, const real *depth, const int *offset)
 {
   const hit h = intersect(s, x, y);
 #if ELLIPSE
@@ -64,9 +66,9 @@ static inline visible_hits visible_hits_at(const discs *s, const extras *e, real
 #define CENTERS_Z ((reals)R(0.0))
 #endif
 
-// LANES splats in small boxes, pixel by pixel of each.
-static inline void see_small_boxes(nearest_hits *f, global const int *ids, const int *place, const discs *s, const extras *e,
-                               reals center_z, const boxes *b, real near, real far)
+// See LANES splats in small boxes, pixel by pixel of all boxes at once.
+static inline void see_small_boxes(nearest_hits *f, global const int *ids, const int *place, const discs *s,
+                                   const extras *e, reals center_z, const boxes *b, real near, real far)
 {
   const counted_boxes c = count_boxes(b);
   const reals left = b->x_first + (real)f->left, top = b->y_first + (real)f->top;
@@ -84,9 +86,10 @@ static inline void see_small_boxes(nearest_hits *f, global const int *ids, const
     }
 }
 
-// One splat in a box of any size, LANES pixels at a time.
-static inline void see_large_box(nearest_hits *f, global const ProjectedSplat *records, global const ProjectedExtra *extra,
-                             int entry, uint id, int first, int across, int down, real near, real far)
+// See one splat in a box of any size, LANES pixels at a time.
+static inline void see_large_box(nearest_hits *f, global const ProjectedSplat *records,
+                                 global const ProjectedExtra *extra, int entry, uint id, int first, int across,
+                                 int down, real near, real far)
 {
   const ProjectedSplat whole = records[entry];
   const discs s = disc_of(&whole);
@@ -99,8 +102,8 @@ static inline void see_large_box(nearest_hits *f, global const ProjectedSplat *r
     for (int x = 0; x < across; x += BLOCK_X) {
       const masks in_box = MASK(LANE_X < (real)(across - x)) & MASK(LANE_Y < (real)(down - y));
       const int q = first + y * REGION + x;
-      const visible_hits m =
-          visible_hits_at(&s, &e, whole.center_z, left + (real)x, top + (real)y, in_box, near, far, f->depth + q, offset);
+      const visible_hits m = visible_hits_at(&s, &e, whole.center_z, left + (real)x, top + (real)y, in_box, near, far,
+                                             f->depth + q, offset);
       if (!ANY(m.in_front)) continue;
       for (int lane = 0; lane < LANES; ++lane)
         if (WHOLE_OF(m.in_front, lane)) keep_nearest(f, q + offset[lane], LANE_OF(m.z, lane), id);
@@ -108,7 +111,7 @@ static inline void see_large_box(nearest_hits *f, global const ProjectedSplat *r
 }
 
 static inline void see_batch(nearest_hits *f, global const ProjectedSplat *records, global const ProjectedExtra *extra,
-                         global const int *ids, const int *place, int num, const region *w, real near, real far)
+                             global const int *ids, const int *place, int num, const region *w, real near, real far)
 {
   masks low, high;
   const discs s = load_discs(records, place, &low, &high);
@@ -125,7 +128,7 @@ static inline void see_batch(nearest_hits *f, global const ProjectedSplat *recor
               WHOLE_OF(c.down, lane), near, far);
 }
 
-// The depth behind which nothing can be in front of anything: +inf until every pixel is covered.
+// The depth behind which no hit can be the nearest at any pixel: +inf until every pixel is covered.
 static inline real farthest_of(const nearest_hits *f)
 {
   reals farthest = (reals)-(real)INFINITY;
@@ -146,12 +149,12 @@ kernel void visibility(global const ProjectedSplat *records, global const Projec
 #if BEHIND_FRONT
   int first = begin;
   while (first < end && !(near_z[first] == near_z[first])) ++first;
-  if (first >= end) return;  // nothing to add
+  if (first >= end) return;  // the layer has no disc here
 #endif
   nearest_hits f;
   f.left = w.x + first_column;
   f.top = w.y + first_row;
-  for (int p = 0; p < REACHED_PIXELS; ++p) f.depth[p] = -(real)INFINITY;  // beside the image nothing is waited for
+  for (int p = 0; p < REACHED_PIXELS; ++p) f.depth[p] = -(real)INFINITY;  // no hit is nearer outside the image
   for (int p = 0; p < REGION_PIXELS; ++p) f.particleid[p] = NO_SPLAT;
   for (int y = 0; y < least(REGION, height - w.y); ++y)
     for (int x = 0; x < least(REGION, width - w.x); ++x) {

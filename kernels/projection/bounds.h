@@ -1,20 +1,21 @@
-// Bounds of discs in the image, the pixels within them, and the least depth there. Needs arithmetic.h and projected.h and
-// the build option ORTHOGRAPHIC.
+// Provides the bounds of discs in the image, the pixels within them, and the least depth at these pixels.
+//
+// ORTHOGRAPHIC  1: the projection is orthographic, 0: perspective
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
 #include "splat/disc.h"
 #include "projection/record.h"
 
-#define NOWHERE R(1e9)  // where no pixel is near
-#define CLEAR R(1e-4)   // a disc whose least z is below this share of its centre's has no finite bounds
+#define NOWHERE R(1e9)  // a coordinate far from every pixel
+#define CLEAR R(1e-4)   // a disc whose least z is below this share of its center's has no finite bounds
 
-// How far the disc reaches from its projected centre along one image axis, in pixels: [middle - reach, middle + reach].
-// The tangents to the projected conic, relative to the centre so that nothing cancels.
+// The disc's extent [middle - reach, middle + reach] along one image axis, pixels from its projected center.
 typedef struct {
   reals middle, reach;
 } extent;
 
+// The tangents to the projected conic, relative to the center, so that nothing cancels.
 static inline extent perspective_extent(reals slope, reals u, reals v, reals uz, reals vz, reals w, real focal)
 {
   reals pu = u - slope * uz, pv = v - slope * vz;
@@ -24,7 +25,7 @@ static inline extent perspective_extent(reals slope, reals u, reals v, reals uz,
   return e;
 }
 
-// The same for a disc that comes too near the eye plane for that: its box in eye space, cut at near.
+// The extent of a disc too near the eye plane for those tangents: its box in eye space, cut at near.
 static inline extent near_extent(reals center, reals reach, reals z_low, reals z_high, reals origin, real focal)
 {
   reals low = center - reach, high = center + reach;
@@ -35,7 +36,7 @@ static inline extent near_extent(reals center, reals reach, reals z_low, reals z
   return e;
 }
 
-// Bounds relative to the reference point, pixels; low > high where there is nothing.
+// Bounds relative to the reference point, pixels; low > high: empty.
 typedef struct {
   reals x_low, x_high, y_low, y_high;
 } bounds;
@@ -55,8 +56,8 @@ static inline bounds around_both(bounds a, bounds b)
   return c;
 }
 
-// Of the pixels [first, first + size) of the image, counted from `first`: the first whose centre is not before `low`, and
-// the last whose centre is not beyond `high`.
+// Among the image's pixels [first, first + size), counted from `first`: the first pixel with its center at or above
+// `low`, and the last with its center at or below `high`.
 static inline reals first_pixel(reals low, real first, real size)
 {
   return round_up(at_most(at_least(low, (reals)first), (reals)(first + size))) - first;
@@ -67,10 +68,10 @@ static inline reals last_pixel(reals high, real first, real size)
   return round_down(at_least(at_most(high, (reals)(first + size - R(1.0))), (reals)(first - R(1.0)))) - first;
 }
 
-// The window's pixels whose centres lie within bounds, counted from its first.
+// The window's pixels with centers within the bounds, counted from its first pixel.
 static inline boxes pixels_of(constant View *view, const projected *s, const bounds *b)
 {
-  // A reference point far outside the image rounds coarsely.
+  // The coordinates of a reference point far outside the image have coarse rounding errors.
   const reals coarse_x = magnitude(s->pixel_x) * R(2.4e-7), coarse_y = magnitude(s->pixel_y) * R(2.4e-7);
   const real left = (real)view->first_column, width = (real)view->width;
   const real top = (real)view->first_row, height = (real)view->height;
@@ -78,15 +79,15 @@ static inline boxes pixels_of(constant View *view, const projected *s, const bou
              last_pixel(s->pixel_x + (s->offset_x + b->x_high + coarse_x), left, width),
              first_pixel(s->pixel_y + (s->offset_y + b->y_low - coarse_y), top, height),
              last_pixel(s->pixel_y + (s->offset_y + b->y_high + coarse_y), top, height)};
-  // A reference point that is no number is near every pixel, but bounds may say that there is nothing.
+  // A NaN reference point counts as near every pixel, but empty bounds still mean no pixels.
   const masks none = MASK(b->x_low > b->x_high) | MASK(p.x_first > p.x_last) | MASK(p.y_first > p.y_last);
   p.x_first = SELECT(p.x_first, R(1.0), none);
   p.x_last = SELECT(p.x_last, R(0.0), none);
   return p;
 }
 
-// The least depth that hit_depth (splat.h) has at the pixels of `drawn`. Each of its roundings keeps order, and so it is
-// at a corner, to the bit: no slack could be sure where tangents are nearly parallel.
+// The least value of hit_depth (splat/disc.h) at the pixels of `drawn`. Each of its roundings is monotonic, so the
+// least depth is at a corner, to the bit. No slack would be safe for nearly parallel tangents.
 static inline reals least_depth(constant View *view, const projected *s)
 {
   const real x = (real)view->first_column, y = (real)view->first_row;

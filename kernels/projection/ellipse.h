@@ -1,9 +1,10 @@
-// Ellipses on the screen that stand for LANES discs, and EWA's low-pass filter of them. Needs arithmetic.h, bounds.h and
-// extra.h.
+// Provides the screen-space ellipses of LANES discs, and EWA's low-pass filter of these ellipses.
 //
-// The disc's contour in homogeneous coordinates gives the ellipse of variance V = (p p^T w + q q^T) / w^2 about -q / w,
-// with P the tangents moved to the centre's plane, p p^T = P P^T, q = P t_z / z, w = 1 - |t_z|^2 / z^2 ([ZRB04]); the
-// affine map exact at the centre is the same with q = 0, w = 1 ([ZPvBG01]). Nothing here cancels.
+// The disc's contour in homogeneous coordinates gives the ellipse of variance V = (p p^T w + q q^T) / w^2 about -q / w.
+// Here P are the tangents moved to the center's plane, p p^T = P P^T, q = P t_z / z and w = 1 - |t_z|^2 / z^2
+// ([ZRB04]). The affine map exact at the center has q = 0 and w = 1 ([ZPvBG01]). Nothing here cancels.
+//
+// ELLIPSE, PREFILTER  as in splat/extra.h
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -12,7 +13,7 @@
 #include "projection/bounds.h"
 
 typedef struct {
-  reals x, y;               // its centre from the projected centre, pixels
+  reals x, y;               // from the projected center to the ellipse's, pixels
   reals xx, xy, yy, area2;  // V and |V|: r^2 = x^T V^-1 x is 1 at the contour
   masks exists;
 } ellipse;
@@ -37,7 +38,7 @@ static inline ellipse ellipse_of(constant View *view, reals3 c, reals3 tu, reals
   inverse_w = divide(R(1.0), (R(1.0) - deep) * (R(1.0) + deep));
   qx = ux * tu_z + vx * tv_z;
   qy = uy * tu_z + vy * tv_z;
-  e.exists &= MASK(c.z - reach > c.z * CLEAR);  // else the contour is no ellipse
+  e.exists &= MASK(c.z - reach > c.z * CLEAR);  // otherwise the contour is no ellipse
 #endif
   const reals fx = view->fx_hi, fy = view->fy_hi;
   e.x = -(qx * inverse_w) * fx;
@@ -50,7 +51,7 @@ static inline ellipse ellipse_of(constant View *view, reals3 c, reals3 tu, reals
   return e;
 }
 
-// By Cholesky's factors of V, whose determinant is known without cancellation.
+// The inverse of V's Cholesky factor. area2 is the determinant of V, computed without cancellation.
 static inline ellipse_form form_of(reals xx, reals xy, reals area2, masks exists)
 {
   const reals short_axis = square_root(divide(area2, xx));
@@ -61,8 +62,8 @@ static inline ellipse_form form_of(reals xx, reals xy, reals area2, masks exists
   return f;
 }
 
-// The ellipse as the raster passes know it, and pixels that it reaches with its low-pass filter; `center_x` and
-// `center_y` are the projected centre from the reference point.
+// Give the ellipse in the form of the raster passes, and its extents with the low-pass filter. (center_x, center_y)
+// leads from the reference point to the projected center.
 static inline void filter_ellipse(constant View *view, const ellipse *e, reals center_x, reals center_y, extras *to,
                                   extent *across, extent *down)
 {

@@ -1,5 +1,5 @@
-// What the projection adds to the records of LANES splats for methods other than [BHZK05]'s. Needs projected.h, eye.h and
-// extra.h.
+// Provides the projection of the data that methods other than [BHZK05]'s use, and store_extras, which writes its
+// records.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
@@ -8,7 +8,7 @@
 #include "splat/extra.h"
 #include "projection/record.h"
 
-// Whether there is one of these groups in the splats themselves.
+// Whether the splats themselves have any of these groups.
 #define OF_SPLAT (CLIP || FIELD || GLOSS)
 
 #if OF_SPLAT
@@ -16,8 +16,8 @@
 #define WORLD(field) ((reals)EACH_LANE(OF_WORLD, field))
 #endif
 
-// The form over pixels of a clip line a u + b v + c: that times den is linear. An edge-on splat has no u and v (project.cl
-// gives it u_1 = 2): it is kept where its centre is.
+// The form over pixels of a clip line a u + b v + c; times den, it is linear. An edge-on splat has no u and v
+// (project.cl sets u_1 = 2): the line keeps all of it or nothing, as it does its center.
 static inline void clip_form(const projected *s, reals a, reals b, reals c, reals *x, reals *y, reals *one)
 {
   const masks edge_on = MASK(s->u_1 == R(2.0));
@@ -30,8 +30,8 @@ static inline void clip_form(const projected *s, reals a, reals b, reals c, real
   *one = SELECT((a * s->u_1 + b * s->v_1) + c, c, edge_on);
 }
 
-static inline void project_extras(constant View *view, projected *s, global const SplatExtra *in, global const int *ids,
-                          const int *entry)
+static inline void project_extras(constant View *view, projected *s, global const SplatExtra *in,
+                                  global const int *ids, const int *entry)
 {
 #if CLIP
   clip_form(s, WORLD(clip0_x), WORLD(clip0_y), WORLD(clip0_1), &s->extra.clip_x[0], &s->extra.clip_y[0],
@@ -46,7 +46,7 @@ static inline void project_extras(constant View *view, projected *s, global cons
   s->extra.normal_dv = scale3(rotate(view, dv), sign);
 #endif
 #if GLOSS
-  s->extra.specular = WORLD(specular);  // NaN where the material's holds
+  s->extra.specular = WORLD(specular);  // NaN: the material's holds
   s->extra.shininess = WORLD(shininess);
 #endif
 }

@@ -1,5 +1,4 @@
-// What the projection makes of LANES splats, and how it becomes their records. Needs arithmetic.h, lanes.h,
-// transpose.h and extra.h.
+// Provides the projection's result for LANES splats, and store_records, which writes it as records.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
@@ -8,21 +7,21 @@
 #include "splat/disc.h"
 #include "splat/extra.h"
 
-// Everything the raster passes need, LANES splats at once; the emitting loop reads it lane by lane.
+// All that the raster passes need of LANES splats.
 typedef struct {
   reals pixel_x, pixel_y, offset_x, offset_y;
   reals u_x, u_y, u_1, v_x, v_y, v_1, g_x, g_y, z;
   reals normal_x, normal_y, normal_z, prefilter_x, prefilter_y, center_z;
-  boxes disc, drawn;  // the pixels of the disc, and those of the pre-filter as well
-  reals near_z;       // no fragment is nearer
+  boxes disc, drawn;  // the pixels of the disc; of disc and pre-filter
+  reals near_z;       // a lower bound of the fragments' depths
 #if EXTRA || SHADING == PER_SPLAT
   reals3 center;  // eye space
-  masks turned;   // the normal was turned toward the eye
+  masks turned;   // whether the normal was turned toward the eye
   extras extra;
 #endif
 } projected;
 
-// Two words of a box, as records have them: x_min and y_min, x_max and y_max, 16 bits each.
+// A box as two words of a record: x_min and y_min, x_max and y_max, 16 bits each.
 typedef struct {
   masks low, high;
 } box_words;
@@ -34,7 +33,7 @@ static inline box_words words_of(const boxes *b)
   return w;
 }
 
-// Where the records of entries go.
+// The buffers of the records, one record per entry of the tile lists.
 typedef struct {
   global ProjectedSplat *records;
   global SplatAttributes *attributes;
@@ -42,7 +41,7 @@ typedef struct {
   global real *disc_near_z, *near_z;
 } outputs;
 
-// Write the records of `num` entries.
+// Write the records of the first `num` lanes' entries. near_z is NaN for a splat without pixels.
 static inline void store_records(const outputs *to, const int *entry, int num, const projected *s, reals3 color)
 {
   const box_words disc = words_of(&s->disc), drawn = words_of(&s->drawn);

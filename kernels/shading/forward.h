@@ -1,4 +1,6 @@
-// Splats and fragments that are lit before they are blended. Needs arithmetic.h, extra.h and the build option SHADER.
+// Provides forward shading: the surface of a splat's own point, to be shaded before blending.
+//
+// SHADER  the header with shade_surface()
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
@@ -8,12 +10,12 @@
 
 #define FORWARD_PARAMETERS , constant Shading *shading, constant PhongLight *lights
 
-// What stands where a splat has no specular coefficient or shininess of its own, which is then NaN.
+// A splat's own value, or `other` where the splat has none, which is NaN.
 static inline reals own_or(reals own, reals other) { return SELECT(other, own, MASK(own == own)); }
 
-// A point of a splat itself, on a ray d; `gloss` are its own specular coefficient and shininess.
+// The surface at a splat's point on ray d; `gloss` holds the splat's own specular coefficient and shininess.
 static inline surfaces surface_point(reals3 position, reals3 d, reals3 normal, reals3 color, const extras *gloss,
-                                    constant Shading *shading)
+                                     constant Shading *shading)
 {
   surfaces s;
   s.covered = (masks)-1;

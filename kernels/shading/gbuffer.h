@@ -1,7 +1,7 @@
-// The images that shading reads, a row's pixels at a time. Needs arithmetic.h, lanes.h, surface.h.
+// Provides the images that shading reads, LANES pixels of a row at a time.
 //
-// RESOLVED 0: the sums that the attribute pass leaves; 1: the AOVs P, N and albedo, whoever made them, and a weight that
-//          is above 0 where there is a surface. Both give the same bits.
+// RESOLVED  0: the sums of the attribute pass; 1: the AOVs P, N and albedo of any origin, and a weight above 0 where
+//           there is a surface. Both give the same bits.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -31,7 +31,7 @@ typedef struct {
 } GBuffer;
 #endif
 
-// LANES pixels of a row and the images they are in; those beyond the row's end are its last again.
+// LANES pixels of a row and their images. Lanes beyond the end of the row repeat its last pixel.
 typedef struct {
   GBuffer from;
   constant View *view;
@@ -43,9 +43,10 @@ typedef struct {
 #define Y_AT(lane, values) values[3 * p[lane] + 1]
 #define Z_AT(lane, values) values[3 * p[lane] + 2]
 #define VALUES_AT(values) ((reals)EACH_LANE(VALUE_AT, values))
-#define TRIPLES_AT(values) {(reals)EACH_LANE(X_AT, values), (reals)EACH_LANE(Y_AT, values), (reals)EACH_LANE(Z_AT, values)}
+#define TRIPLES_AT(values)                                                                                    \
+  {(reals)EACH_LANE(X_AT, values), (reals)EACH_LANE(Y_AT, values), (reals)EACH_LANE(Z_AT, values)}
 
-// Where the pixels dx, dy from those of `at` are; one outside the image is the pixel itself.
+// The indices of the pixels at offset (dx, dy); outside the image, the index of the pixel itself.
 static inline void pixel_indices(const Pixels *at, int dx, int dy, long *p)
 {
   const int width = at->view->width, row = at->y + dy;
@@ -76,29 +77,29 @@ static inline surfaces surface_at(const Pixels *at)
   return s;
 #else
   const reals3 colors = TRIPLES_AT(g.color_sum), normals = TRIPLES_AT(g.normal_sum);
-  return resolve_surface(at->view, columns, (reals)(real)at->y, VALUES_AT(g.depth), VALUES_AT(g.weight_sum), colors, normals,
-                         VALUES_AT(g.depth_sum));
+  return resolve_surface(at->view, columns, (reals)(real)at->y, VALUES_AT(g.depth), VALUES_AT(g.weight_sum), colors,
+                         normals, VALUES_AT(g.depth_sum));
 #endif
 }
 
-// Eye z from what the images hold of it: `depth`, where a disc was hit, else the mean of `depth_sum` (sums alone).
+// Eye z of the surface: `depth` where a disc was hit, otherwise (sums only) the mean depth; +inf where there is none.
 static inline reals depth_of(reals depth, reals weights, reals depth_sums)
 {
 #if !RESOLVED
-  const masks unhit = MASK(depth == (real)INFINITY);  // only the pre-filter landed, or nothing
+  const masks unhit = MASK(depth == (real)INFINITY);  // only the pre-filter, or nothing, covers the pixel
   if (ANY(unhit)) depth = SELECT(depth, divide(depth_sums, weights), unhit);
 #endif
   return SELECT((real)INFINITY, depth, MASK(weights > R(0.0)));
 }
 
-// Eye z of the surface at the neighbours dx, dy, +inf where nothing is.
+// Eye z of the surface at the neighbors at offset (dx, dy), +inf where there is none.
 static inline reals depths_at(const Pixels *at, int dx, int dy)
 {
   const GBuffer g = at->from;
   const int x = at->x + dx, y = at->y + dy, width = at->view->width;
 #if !RESOLVED
   if ((x >= 0) & (x + LANES <= width) & (at->x + LANES <= width) & (y >= 0) & (y < at->view->height)) {
-    const long first = (long)y * width + x;  // numbers side by side
+    const long first = (long)y * width + x;  // consecutive reals: one vector load
 #define NEXT(lane, values) values[first + lane]
     return depth_of((reals)EACH_LANE(NEXT, g.depth), (reals)EACH_LANE(NEXT, g.weight_sum),
                     (reals)EACH_LANE(NEXT, g.depth_sum));
@@ -114,7 +115,7 @@ static inline reals depths_at(const Pixels *at, int dx, int dy)
 #endif
 }
 
-// Their normals, 0 where nothing is.
+// The normals at these neighbors, 0 where there is no surface.
 static inline reals3 normals_at(const Pixels *at, int dx, int dy)
 {
   const GBuffer g = at->from;

@@ -1,20 +1,20 @@
-// A light as it reaches LANES places of a surface: phong.h and others ask for it. Needs surface.h.
+// Provides the direction and color of a light at LANES points of a surface.
 //
-// SHADOWS 1: lights may have shadow maps, to which the surface leads (shade.cl)
+// SHADOWS  1: lights may have shadow maps (surface.h), 0: not
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
 #include "shading/surface.h"
 #include "shading/shadow.h"
 
-// Unit, toward the light.
+// The unit vector toward the light.
 static inline reals3 toward_light(const surfaces *s, constant PhongLight *light)
 {
   const reals3 place = {light->x, light->y, light->z};
   return normalize3(light->is_point > R(0.0) ? add3(place, scale3(s->position, R(-1.0))) : place);
 }
 
-// What arrives: the light's colour, times its cone, times what of it no splat holds back.
+// The color that arrives: the light's color times its cone's falloff times the share that no splat blocks.
 static inline reals3 light_tint(const surfaces *s, constant PhongLight *light, reals3 toward)
 {
   reals3 tint = {light->red, light->green, light->blue};
@@ -30,7 +30,7 @@ static inline reals3 light_tint(const surfaces *s, constant PhongLight *light, r
 }
 
 typedef struct {
-  reals3 toward;
+  reals3 toward;  // unit
   reals3 color;
 } Arriving;
 

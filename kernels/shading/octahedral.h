@@ -1,7 +1,9 @@
-// Directions on a square, without trigonometry: the octahedron |x| + |y| + |z| = 1, its half toward the eye (z < 0) in
-// the middle, the other folded out to the corners; x and y, -1 ... 1, stay as they are in the middle. Needs surface.h.
+// Provides the octahedral map of directions to a square, which needs no trigonometry.
 //
-// LIGHTMAP  samples of the square each way, odd, its edges and axes among them
+// Directions go to the octahedron |x| + |y| + |z| = 1. Its half toward the eye (z < 0) keeps x and y, -1 ... 1, and
+// lies in the middle of the square. The other half is folded out to the corners.
+//
+// LIGHTMAP  samples of the square each way: odd, so that its axes are sampled like its edges
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -18,7 +20,7 @@ static inline void fold(reals *x, reals *y, masks far)
   *y = SELECT(*y, with_sign(R(1.0) - a, *y), far);
 }
 
-// Unit, of the sample (column, row).
+// The unit direction of the sample (column, row).
 static inline reals3 direction_of(reals column, reals row)
 {
   reals x = divide(column, HALF_MAP) - R(1.0), y = divide(row, HALF_MAP) - R(1.0);
@@ -27,7 +29,7 @@ static inline reals3 direction_of(reals column, reals row)
   return normalize3((reals3){x, y, z});
 }
 
-// Where a direction is on the square, in samples; it need not be a unit vector, but not zero.
+// The place of a direction on the square, in samples. The vector may have any length except zero.
 static inline void place_of(reals3 d, reals *column, reals *row)
 {
   const reals size = (magnitude(d.x) + magnitude(d.y)) + magnitude(d.z);

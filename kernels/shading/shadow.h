@@ -1,4 +1,6 @@
-// Shadow maps: depths as a light sees them (splatcl/shadows.py). Needs surface.h and lanes.h.
+// Provides the lookup in shadow maps, images of the depth that a light sees.
+//
+// SHADOWS  1: there are shadow maps; 0: the header is empty
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -6,7 +8,7 @@
 #include "arithmetic/lanes.h"
 
 #if SHADOWS
-// 1 where depth z is lit by the map's texels (x, y), whole numbers, 0 where it is not; all is lit beyond the map.
+// 1 where the light reaches depth z at the map's texels (x, y), whole numbers, else 0; beyond the map always 1.
 static inline reals lit_at(constant ShadowMap *map, global const real *depths, reals x, reals y, reals z)
 {
   const real last = (real)(map->size - 1);
@@ -20,8 +22,8 @@ static inline reals lit_at(constant ShadowMap *map, global const real *depths, r
 
 static inline reals mixed(reals a, reals b, reals share) { return a + share * (b - a); }
 
-// How much of the light reaches places in the eye's space: that of the texel they are in, or, `filtered`, the bilinear
-// mean of the four whose centres are around them.
+// The share of the light that reaches points in eye space: the value of their texel or, `filtered`, the bilinear mean
+// of the four texels with centers around them (percentage-closer filtering).
 static inline reals lit_share(constant ShadowMap *map, global const real *depths, reals3 p)
 {
   const reals z = ((map->r20 * p.x + map->r21 * p.y) + map->r22 * p.z) + map->t2;

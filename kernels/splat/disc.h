@@ -1,16 +1,19 @@
-// Discs under pixels: written once, used by the visibility and the attribute pass, so that both decide coverage and
-// depth with the same bits. Needs arithmetic.h and the build option ORTHOGRAPHIC.
+// Provides the intersection of a pixel's ray with a disc: coverage, disc coordinates and depth.
+//
+// The visibility pass and the attribute pass share this code, so both decide coverage and depth with the same bits.
+//
+// ORTHOGRAPHIC  1: the projection is orthographic, 0: perspective
 
 #include "arithmetic/reals.h"
 
 #define NO_SPLAT 0xffffffffu  // the particleid of a pixel that no disc covers
 
-// Pixels of LANES boxes, ends included; none where x_first > x_last or y_first > y_last.
+// The pixels of LANES boxes, both ends included; a box is empty if x_first > x_last or y_first > y_last.
 typedef struct {
   reals x_first, x_last, y_first, y_last;
 } boxes;
 
-// LANES projected splats, or one of them LANES times.
+// LANES projected splats, or one splat in all lanes.
 typedef struct {
   reals pixel_x, pixel_y, offset_x, offset_y, u_x, u_y, u_1, v_x, v_y, v_1, g_x, g_y, z;
 } discs;
@@ -23,13 +26,13 @@ static inline discs disc_of(const ProjectedSplat *s)
 }
 
 typedef struct {
-  reals dx, dy;           // pixel centre from the reference point, pixels
+  reals dx, dy;           // from the reference point to the pixel's center, pixels
   reals u, v, numerator;  // disc coordinates times den; u^2 + v^2
   reals den;              // 1 + g.(dx, dy); 1 when orthographic
-  masks inside;           // u^2 + v^2 <= 1 and in front of the eye; near and far are not yet tested
+  masks inside;           // u^2 + v^2 <= 1 in front of the eye; near and far are not tested yet
 } hit;
 
-// x, y and pixel_x, pixel_y are whole numbers, so their difference is exact and dx is rounded once.
+// x, y, pixel_x and pixel_y are whole numbers: their differences are exact, so dx and dy are rounded once.
 static inline hit intersect(const discs *s, reals x, reals y)
 {
   hit h;
@@ -49,7 +52,7 @@ static inline hit intersect(const discs *s, reals x, reals y)
   return h;
 }
 
-// Eye-space z of the disc along the pixel's ray.
+// Eye-space z of the disc on the pixel's ray.
 static inline reals hit_depth(const discs *s, const hit *h, reals inverse_den)
 {
 #if ORTHOGRAPHIC

@@ -1,12 +1,12 @@
-// What methods other than [BHZK05]'s know of LANES splats, or of one of them LANES times. Needs arithmetic.h and
-// splat.h and the build options
+// Provides the data of a splat that methods other than [BHZK05]'s use: screen-space ellipse, clip lines, normal field
+// and specular reflection.
 //
-// ELLIPSE    footprints are ellipses: 1 of the affine map exact at the centre, 2 of the projected contour; 0 they are not
-// PREFILTER  1 min(r3, r2), 2 EWA, 0 none
+// ELLIPSE    footprints are ellipses: 1 of the affine map exact at the center, 2 of the projected contour; 0: discs
+// PREFILTER  1: min(r3, r2), 2: EWA, 0: none
 // CLIP       1: splats have clip lines
 // FIELD      1: normals are linear fields
-// SHADING    0 once per pixel, 1 each fragment, 2 each splat
-// GLOSS      1: splats have a specular coefficient and a shininess of their own
+// SHADING    0: deferred, once per pixel; forward: 1 each fragment, 2 each splat
+// GLOSS      1: splats have their own specular coefficient and shininess
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
@@ -19,19 +19,20 @@
 #define EWA 2
 #define PER_FRAGMENT 1
 #define PER_SPLAT 2
-#define VARYING (FIELD || SHADING == PER_FRAGMENT)  // fragments of one splat differ in more than weight and depth
-#define EXTRA (ELLIPSE || CLIP || VARYING || GLOSS)  // there is a record of all this
+#define VARYING (FIELD || SHADING == PER_FRAGMENT)  // fragments of one splat differ in color or normal
+#define EXTRA (ELLIPSE || CLIP || VARYING || GLOSS)  // entries have a ProjectedExtra record
 
-// r^2 = (a x)^2 + (b x + c y)^2 of a point from an ellipse's centre, pixels.
+// r^2 = (a x)^2 + (b x + c y)^2 of the point (x, y) from the center of an ellipse, pixels.
 typedef struct {
   reals a, b, c;
 } ellipse_form;
 
+// LANES splats, or one splat in all lanes.
 typedef struct {
-  reals x, y;                   // the ellipse's centre from the reference point, pixels
-  ellipse_form shape, filtered;  // of the footprint; and after EWA's low-pass filter
+  reals x, y;                   // from the reference point to the ellipse's center, pixels
+  ellipse_form shape, filtered;  // of the footprint, without and with EWA's low-pass filter
   reals factor;                 // EWA: sqrt(|V| / |V + H|)
-  reals clip_x[2], clip_y[2], clip_1[2];  // forms over the offset from the reference point; what is below 0 is cut off
+  reals clip_x[2], clip_y[2], clip_1[2];  // linear forms over the offset from the reference point; negative: cut off
   reals3 color, normal, normal_du, normal_dv;
   reals specular, shininess;
 } extras;
@@ -92,7 +93,7 @@ static inline void load_extras(extras *e, global const ProjectedExtra *extra, gl
 #endif
 }
 
-// One entry, LANES times.
+// One entry in all lanes.
 static inline void load_one_footprint(extras *e, global const ProjectedExtra *extra, int entry)
 {
   int place[LANES];
@@ -100,16 +101,16 @@ static inline void load_one_footprint(extras *e, global const ProjectedExtra *ex
   load_footprints(e, extra, place);
 }
 
-static inline void load_one_extra(extras *e, global const ProjectedExtra *extra, global const SplatAttributes *attributes,
-                                  int entry)
+static inline void load_one_extra(extras *e, global const ProjectedExtra *extra,
+                                  global const SplatAttributes *attributes, int entry)
 {
   int place[LANES];
   for (int lane = 0; lane < LANES; ++lane) place[lane] = entry;
   load_extras(e, extra, attributes, place);
 }
 
-// A line belongs to both splats that it divides, roundings of its form included: no crack opens between them.
-#define LINE_SLACK (DOUBLE ? R(1.7763568394002505e-15) : R(9.5367431640625e-7))  // 16 roundings of the form's terms
+// A line belongs to both splats that it divides, rounding errors of its form included, so no crack opens between them.
+#define LINE_SLACK (DOUBLE ? R(1.7763568394002505e-15) : R(9.5367431640625e-7))  // 16 roundings of its terms
 
 static inline masks kept_by_line(const extras *e, const hit *h, int line)
 {
@@ -118,7 +119,7 @@ static inline masks kept_by_line(const extras *e, const hit *h, int line)
   return MASK((x + y) + one >= size * -LINE_SLACK);
 }
 
-// Whether the clip lines keep the pixels.
+// Whether both clip lines keep the pixels.
 static inline masks kept_by_lines(const extras *e, const hit *h)
 {
 #if CLIP
@@ -128,7 +129,7 @@ static inline masks kept_by_lines(const extras *e, const hit *h)
 #endif
 }
 
-// r^2 of the pixels in the ellipse.
+// r^2 of the pixels by the form of an ellipse; at most 1 inside.
 static inline reals ellipse_radius2(const extras *e, const ellipse_form *form, const hit *h)
 {
   const reals x = h->dx - e->x, y = h->dy - e->y;

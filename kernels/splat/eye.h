@@ -1,12 +1,13 @@
-// World to eye space, to twice the precision where it counts. Needs arithmetic.h, twofloat.h and the build option
-// CENTER_LOW: 1 where centres have a low word.
+// Provides the transformation from world to eye space, of centers in twice the precision.
+//
+// CENTER_LOW  1: centers have a low word, 0: not
 
 #include "arithmetic/reals.h"
 #include "arithmetic/exact.h"
 #include "arithmetic/vectors.h"
 #include "arithmetic/twofloat.h"
 
-// Of View.facing: what becomes of splats that face away.
+// Values of View.facing: how a splat that faces away from the eye is treated.
 #define KEEP 0
 #define FLIP 1
 #define CULL 2
@@ -27,6 +28,7 @@ static inline twofloat eye_coordinate(reals3 world, reals3 world_low, twofloat r
   return two_sum(s3.hi, low);
 }
 
+// A field of View to twice the precision.
 #define TWO(name) ((twofloat){(reals)(view->name##_hi), (reals)(view->name##_lo)})
 
 static inline eye_point eye_from_world(constant View *view, reals3 world, reals3 world_low)
@@ -37,7 +39,7 @@ static inline eye_point eye_from_world(constant View *view, reals3 world, reals3
   return p;
 }
 
-// Tangents to twice the precision; they have no low word and are not translated.
+// A tangent in twice the precision. Tangents have no low word, and a translation does not change them.
 static inline eye_point rotate_twofloat(constant View *view, reals3 v)
 {
   const reals3 none = {R(0.0), R(0.0), R(0.0)};
@@ -48,6 +50,7 @@ static inline eye_point rotate_twofloat(constant View *view, reals3 v)
   return r;
 }
 
+// A tangent, or the direction of a normal, in plain precision.
 static inline reals3 rotate(constant View *view, reals3 v)
 {
   reals3 r = {(view->r00_hi * v.x + view->r01_hi * v.y) + view->r02_hi * v.z,

@@ -1,6 +1,8 @@
-// Fragments: where the pre-filter and the disc put a splat at a pixel, how deep, and how far from its centre. Written
-// once, used by the attribute pass and by whatever explains or checks it. Needs arithmetic.h, ray.h, splat.h,
-// transpose.h and extra.h.
+// Provides fragments, whether a splat has one at a pixel, its depth and radius, and the sums of a pixel's fragments.
+//
+// The attribute pass shares this code with the probe and the accounting, so they see the same fragments.
+//
+// CHANNELS  1: six further channels of each splat are summed, 0: color and normal
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -10,9 +12,9 @@
 #include "splat/extra.h"
 #include "splat/target.h"
 
-// What the pre-filter knows of LANES splats, or of one of them LANES times.
+// The pre-filter's data of LANES splats, or of one splat in all lanes.
 typedef struct {
-  reals x, y;  // its centre from the reference point, pixels
+  reals x, y;  // from the reference point to the pre-filter's center, pixels
   reals center_z;
 } prefilters;
 
@@ -24,19 +26,19 @@ static inline prefilters prefilter_of(const ProjectedSplat *s, const SplatAttrib
 
 typedef struct {
   reals r2, z, inverse_den;
-  masks exists, disc;  // `disc`: the ray meets the disc
+  masks exists, disc;  // `disc`: the ray hits the disc
 } fragment;
 
-// r2^2, whatever the setting of the pre-filter.
+// r2^2, for any setting of the pre-filter.
 static inline reals screen_radius2(const prefilters *p, const hit *h, real inverse_radius2)
 {
   const reals x = h->dx - p->x, y = h->dy - p->y;
   return (x * x + y * y) * inverse_radius2;
 }
 
-// r^2 = min(r3^2, r2^2), or as the footprint has it; where the ray misses the disc, the depth is the centre's.
-static inline fragment fragment_of(const discs *s, const prefilters *p, const extras *e, const hit *h, real near, real far,
-                              real inverse_radius2)
+// r^2 = min(r3^2, r2^2), or the ellipse's r^2. Where the ray misses the disc, the depth is the center's.
+static inline fragment fragment_of(const discs *s, const prefilters *p, const extras *e, const hit *h, real near,
+                                   real far, real inverse_radius2)
 {
   fragment f;
   f.inverse_den = divide(R(1.0), h->den);
@@ -61,7 +63,7 @@ static inline fragment fragment_of(const discs *s, const prefilters *p, const ex
   return f;
 }
 
-// depth(p) + epsilon; epsilon along a perspective ray is shorter along z.
+// depth(p) + epsilon. An epsilon along a perspective ray is shorter along z.
 static inline reals farthest_accepted(constant View *view, reals x, reals y, reals depth, real epsilon, int along_ray)
 {
   if (ORTHOGRAPHIC || !along_ray) return depth + epsilon;
@@ -69,20 +71,21 @@ static inline reals farthest_accepted(constant View *view, reals x, reals y, rea
   return depth + divide(epsilon, square_root((dx * dx + dy * dy) + R(1.0)));
 }
 
-// Sums of one pixel's fragments: weight times red, green, blue, normal_x, normal_y, normal_z, one and z.
+// The sums of a pixel: weight times red, green, blue, normal_x, normal_y, normal_z, one and z.
 #define SUM_WEIGHT s6
 #define SUM_Z s7
 
-// What weights multiply; the depth differs by fragment. (By pointers, as eight doubles are no argument of a function.)
+// The values that a weight multiplies, except the depth of the fragment. (By pointer: no function takes eight doubles.)
 static inline void load_attributes(real8 *values, global const SplatAttributes *a)
 {
-  *values = ((global const unaligned8 *)a)->values;  // the first six are the colour and the normal
+  *values = ((global const unaligned8 *)a)->values;  // the first six are color and normal
   values->SUM_WEIGHT = R(1.0);
 #if TARGET == UNORM8
   values->s345 = values->s345 * R(0.5) + R(0.5);
 #endif
 }
 
+// Add one fragment: weight times its values.
 static inline void accumulate(real8 *sums, const real8 *attributes, real weight, real z)
 {
   real8 values = *attributes;
@@ -96,7 +99,7 @@ static inline void accumulate(real8 *sums, const real8 *attributes, real weight,
 #endif
 }
 
-// Divide the first six, which are what weights multiply.
+// Divide the first six sums, those of color and normal or of channels.
 static inline void divide_six(real8 *s, real by)
 {
   s->s0 = divide_real(s->s0, by);
@@ -107,7 +110,7 @@ static inline void divide_six(real8 *s, real by)
   s->s5 = divide_real(s->s5, by);
 }
 
-// Sums as values; those of channels as means already.
+// The sums as values; sums of channels become means.
 static inline real8 as_values(real8 s)
 {
 #if TARGET == UNORM8

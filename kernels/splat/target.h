@@ -1,7 +1,8 @@
-// Formats of older render targets: what sums and products are rounded to ([BHZK05] figure 2). Needs arithmetic.h and the
-// build option TARGET, one of the three below or 0 for none.
+// Provides to_target, which rounds sums and products to the format of an older render target ([BHZK05] figure 2).
 //
-// Values of unorm8 are held in units of 1/255. It has no signs, so that a normal n is held as (1 + n) / 2.
+// Values of unorm8 are in units of 1/255. The format has no sign, so a normal n is stored as (1 + n) / 2.
+//
+// TARGET  FLOAT16, UNORM8 or FLOAT32; 0: sums keep the precision of a real
 
 #include "arithmetic/reals.h"
 
@@ -19,7 +20,7 @@
 typedef long8 bits8;
 #define AS_BITS8(x) as_long8(x)
 #define AS_REAL8(x) as_double8(x)
-#define HALF_UNIT 268435456.0  // plus and minus that leaves multiples of 2^-24
+#define HALF_UNIT 268435456.0  // adding and subtracting it rounds to a multiple of 2^-24
 #else
 typedef int8 bits8;
 #define AS_BITS8(x) as_int8(x)
@@ -27,7 +28,7 @@ typedef int8 bits8;
 #define HALF_UNIT 0.5f
 #endif
 
-// Keep `kept` bits of the significand, ties to even.
+// Round the significand to `kept` bits, ties to even.
 static inline real8 shorter(real8 x, int kept)
 {
   const bits8 b = AS_BITS8(x);
@@ -48,7 +49,7 @@ static inline real8 to_target(real8 x)
   return AS_REAL8(AS_BITS8(rounded < most ? rounded : most) | sign);
 }
 #elif TARGET == UNORM8
-// Nearest, halves up, of what is between 0 and 1.
+// Clamp to [0, 1] and round to the nearest unit, halves up.
 static inline real8 to_target(real8 x)
 {
   const real8 positive = x > (real8)R(0.0) ? x : (real8)R(0.0);

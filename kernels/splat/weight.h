@@ -1,4 +1,6 @@
-// Weight of a fragment over r in [0, 1]. Needs arithmetic.h; KERNEL is one of the three below.
+// Provides the weight of a fragment by its radius r in [0, 1].
+//
+// KERNEL  GAUSSIAN, CONSTANT, or a table: its nearest sample or linear interpolation
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -9,7 +11,7 @@
 #define TABLE_NEAREST 2
 #define TABLE_LINEAR 3
 
-// falloff = -cutoff^2 / 2
+// The Gaussian is exp(r^2 falloff) with falloff = -cutoff^2 / 2.
 static inline reals weight_of(reals r2, real falloff, constant real *table, int table_size)
 {
 #if KERNEL == GAUSSIAN

@@ -21,7 +21,7 @@ from splatcl.errors import SplatclError
 
 SMALL = 1 << 20
 SOME_FACTORS = ("shuffled", "1920x1080", "double", "scan", "zwicker01", "unorm8")
-"""Of those that compile programs of their own, a few."""
+"""A few factors, as most compile programs of their own."""
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from splatcl.util.progress import stage
 
 WORK = """
 import sys, time
-from splatcl import progress
+from splatcl.util import progress
 progress.DELAY = float(sys.argv[1])
 with progress.stage("Reading [b]a[/b].ply", total=10) as advance:
     for _ in range(10):

@@ -30,7 +30,7 @@ DISCS = WAYS[:4]
 
 
 def in_ways(ways, usual=(USUAL,)):
-    """Parametrize `ways`: the usual one, and slowly all of `ways`, each of which compiles programs of its own."""
+    """Parametrize `ways`: the usual one, and slowly all of `ways`, as each compiles programs of its own."""
     return pytest.mark.parametrize("ways", [usual, pytest.param(ways, marks=pytest.mark.slow)], ids=["usual", "all"])
 
 

@@ -51,7 +51,7 @@ def any_splats(draw, further=()):
 
 ANY_SIZE = st.tuples(st.integers(1, 40), st.integers(1, 40))
 FEW_SIZES = st.sampled_from([(1, 1), (1, 33), (40, 31)])
-"""Images of other sizes compile the kernels that take a work-item for each pixel again."""
+"""Few sizes, as each compiles the kernels of single pixels anew."""
 
 
 @st.composite
@@ -96,7 +96,7 @@ COMBINATIONS = (  # few, as each is compiled: settings, and what the splats have
     ({"method": "botsch03", "facing": "cull", "precision": "double", "target": "unorm8"}, ("attribute",)),
 )
 FEW_COMBINATIONS = (*COMBINATIONS[:3], COMBINATIONS[6])
-"""Three whose programs other tests build as well, and one with everything that splats may have."""
+"""Three combinations whose programs other tests build as well, and one with all that splats may have."""
 
 
 @st.composite

@@ -75,9 +75,9 @@ def altered_kernels(monkeypatch, good, bad):
 
 
 FEW = ("ordinary", "near_plane", "edge_on", "sub_pixel", "sub_pixel_bounds", "layers_front", "along_ray", "lights")
-"""Scenes that share their programs: a tenth of what all scenes compile."""
+"""Scenes that share their programs, which are a tenth of all scenes' programs."""
 METHODS = ("zwicker04", "tiny_everything")
-"""Scenes that between them take every option of the methods."""
+"""Scenes of two methods; the second has all that splats may have."""
 
 
 def check_few(renderer):
@@ -94,13 +94,13 @@ def check_plain(renderer):
 
 
 SLOW = pytest.mark.slow
-"""Marks what compiles for half a minute or longer; .ci/runtimes takes most of it as well, on every runtime."""
+"""Marks checks that compile for half a minute; .ci/runtimes does most of them as well, on every runtime."""
 ALL = pytest.param(golden.check, marks=SLOW)
 PLAIN = pytest.param(check_plain, marks=SLOW)
 
 
 def ways(name, fast, *others):
-    """Parametrize a way of working and its check: few scenes for `fast`, in the slow tier the plain scenes for all."""
+    """Parametrize a way of working and its check: few scenes for `fast`, and slowly the plain scenes for every way."""
     slow = [pytest.param(way, check_plain, marks=SLOW) for way in (fast, *others)]
     return pytest.mark.parametrize((name, "check"), [(fast, check_few), *slow])
 

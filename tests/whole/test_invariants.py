@@ -41,7 +41,7 @@ def assert_groupings_change_no_bit(renderer_with, groupings, name, seed, camera,
 @settings(bounded, max_examples=12)
 @given(scene_names, seeds, st.sampled_from([CAMERAS["close"], CAMERAS["off_center"]]), choices)
 def test_two_groupings_change_no_bit(renderer_with, name, seed, camera, chosen):
-    """With settings that share their programs."""
+    """Use settings that share their programs."""
     chosen = replace(chosen, prefilter="min", facing="flip")
     assert_groupings_change_no_bit(renderer_with, [(1, 16), (4, 32)], name, seed, camera, chosen)
 

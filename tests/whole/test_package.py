@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
 
 import pytest
+from helpers.paths import ROOT
 
 import splatcl
 
@@ -50,3 +52,16 @@ def test_every_name_is_there():
 )
 def test_render_is_the_function_whatever_is_imported_first(first):
     assert run(f"import splatcl\n{first}\nprint(splatcl.render.__name__)") == "render\n"
+
+
+def test_the_wheel_carries_every_kernel():
+    """By the patterns of pyproject.toml; .ci/run renders with the wheel itself."""
+    root = ROOT
+    patterns = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
+    kernels = root / "kernels"
+    carried = {path for pattern in patterns["splatcl.kernels"] for path in kernels.glob(pattern)}
+    sources = {path for path in kernels.rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
+    assert carried == sources
+    assert {path.name for path in kernels.iterdir() if path.is_dir()} - {"__pycache__"} == {
+        str(path.relative_to(kernels).parts[0]) for path in carried
+    }

@@ -1,4 +1,4 @@
-// The blended colour itself.
+// Provides the shader albedo: the blended color itself.
 
 #include "arithmetic/vectors.h"
 #include "shading/surface.h"

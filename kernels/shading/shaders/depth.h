@@ -1,4 +1,6 @@
-// Near is bright: near / z; orthographic (far - z) / (far - near), or 1 / (1 + z - near) where far is infinite.
+// Provides the shader depth, in which near is bright.
+//
+// Perspective near / z; orthographic (far - z) / (far - near), or 1 / (1 + z - near) for an infinite far.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -14,10 +16,10 @@ static inline reals3 shade_pixels(const surfaces *s, constant Shading *shading, 
   const reals z = s->position.z;
 #if ORTHOGRAPHIC
   const real near = at->view->near, far = at->view->far;
-  const reals grey =
+  const reals gray =
       far < (real)INFINITY ? divide(far - z, (reals)(far - near)) : divide((reals)R(1.0), R(1.0) + (z - near));
 #else
-  const reals grey = divide((reals)at->view->near, z);
+  const reals gray = divide((reals)at->view->near, z);
 #endif
-  return (reals3){grey, grey, grey};
+  return (reals3){gray, gray, gray};
 }

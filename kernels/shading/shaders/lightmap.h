@@ -1,4 +1,8 @@
-// Phong with the light map (lightmap.cl) in the lights' place: one lookup by the normal, one by the mirrored view.
+// Provides the shader lightmap: Phong with the light map (passes/lightmap.cl) in place of the lights.
+//
+// One lookup by the normal gives the diffuse light, one by the mirrored view direction the specular light.
+//
+// LIGHTMAP  samples of the light map each way
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"

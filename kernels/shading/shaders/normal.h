@@ -1,4 +1,4 @@
-// The blended normal as a colour: right is red, up is green, toward the eye is blue.
+// Provides the shader normal, the blended normal as a color: right is red, up is green, toward the eye is blue.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"

@@ -1,5 +1,7 @@
-// Flat tones between lines: the diffuse light chooses a tone; lines are where a neighbour's depth differs by more than
-// `contour` or nothing is there (contours), and where N.V < `silhouette`.
+// Provides the shader npr: flat tones between lines.
+//
+// The diffuse light selects a tone. A line is drawn where a neighbor has no surface or its depth differs by more than
+// `contour` (contours), and where N.V < `silhouette`.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"

@@ -1,4 +1,6 @@
-// Phong: color = albedo (ambient + diffuse sum N.L) + specular sum (R.V)^shininess, lights in eye space.
+// Provides the shader phong: color = albedo (ambient + diffuse sum N.L) + specular sum (R.V)^shininess.
+//
+// Lights are in eye space. A light behind the surface, N.L <= 0, adds nothing.
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
