@@ -1,6 +1,6 @@
 """splatcl: the reference software rasterizer for surface splatting, in OpenCL, driven from Python.
 
-Names are imported when they are first used, so that ``import splatcl`` and ``splatcl --help`` cost next to nothing.
+A public name is imported at its first use, so that ``import splatcl`` and ``splatcl --help`` start fast.
 """
 
 import importlib

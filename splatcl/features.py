@@ -1,4 +1,4 @@
-"""Sharp features: splats that clip lines cut off at edges ([ZRB04]). docs/guide/features.md shows how to make them."""
+"""Sharp features: splats that end at edges, cut off by clip lines ([ZRB04]; docs/guide/features.md)."""
 
 from splatcl.prepare.features.clip_lines import clip_lines
 from splatcl.prepare.features.csg import csg_splats, cube

@@ -1,4 +1,4 @@
-"""Frame: what a render returns, named AOVs and how they were made."""
+"""Frame: the result of a render, its named AOVs with the camera, the settings and the metadata."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ if TYPE_CHECKING:
 
 OUTPUT_FORMATS = (".exr", ".png")
 MARGINS = ("margin", "margin.raw")
+"""AOVs that `Frame.add_margin` computes."""
 
 
 class Frame(Mapping[str, NDArray[Any]]):
     """A rendered image: its AOVs by name (docs/specification.md, "AOVs").
 
-    ``frame["Z"]`` is (H, W) float32 or uint32, ``frame["N"]`` (H, W, 3) float32, ``frame.color`` (H, W, 4)
-    float32. Where nothing is, Z is +inf and particleid 0xFFFFFFFF.
+    ``frame["Z"]`` is (H, W) float32, ``frame["particleid"]`` (H, W) uint32, ``frame["N"]`` (H, W, 3) float32,
+    ``frame.color`` (H, W, 4) float32. A pixel without a splat has Z = +inf and particleid = 0xFFFFFFFF.
 
     Parameters
     ----------
     aovs : mapping of str to array
-        May compute its values when they are first asked for.
+        The AOVs by name; the mapping may compute a value at its first use.
     camera : Camera
     settings : RenderSettings, optional
-        Those of the render; the defaults for AOVs from elsewhere.
-    metadata : dict
-        What else the output shall record (JSON's types or NumPy numbers): the epsilon used, the device ...
+        The settings of the render; the defaults for AOVs of another program.
+    metadata : dict, optional
+        Further facts to record (JSON's types or NumPy numbers): the epsilon used, the device and so on.
     """
 
     def __init__(
@@ -57,36 +58,33 @@ class Frame(Mapping[str, NDArray[Any]]):
 
     @property
     def width(self) -> int:
-        """Pixels."""
+        """Width of the image, pixels."""
         return self.camera.width
 
     @property
     def height(self) -> int:
-        """Pixels."""
+        """Height of the image, pixels."""
         return self.camera.height
 
     @property
     def color(self) -> NDArray[Any]:
-        """(H, W, 4) float32 linear RGB and alpha: 1 where a splat is, else 0.
+        """(H, W, 4) float32 linear RGB and alpha; alpha is 1 where a splat is visible, else 0.
 
-        Supersampled, both are means over the samples: alpha is what splats cover of a pixel, and RGB is associated
-        (premultiplied), as OpenEXR has it.
+        In a supersampled frame both are means over the samples: alpha is the coverage of the pixel, and RGB is
+        associated (premultiplied), as in OpenEXR.
         """
         return self["color"]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return an AOV; `SplatclError` names the choices if there is none of that name.
-
-        "margin" and "margin.raw" are added when first asked for (`add_margin`).
-        """
+        """Return an AOV or raise `SplatclError`; "margin" and "margin.raw" are added at first use (`add_margin`)."""
         if name in MARGINS and name not in self:
             self.add_margin()
         if name not in self:
-            raise SplatclError(f"no AOV {name!r} in this frame; it has {', '.join(self)}")
+            raise SplatclError(f"the frame has no AOV {name!r}; it has {', '.join(self)}")
         return self._added[name] if name in self._added else self._aovs[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self.keys()  # a Mapping may compute the value to answer `in`
+        return name in self.keys()  # Mapping.__contains__ would compute the value
 
     def __iter__(self) -> Iterator[str]:
         return iter(self.keys())
@@ -94,15 +92,15 @@ class Frame(Mapping[str, NDArray[Any]]):
     def __len__(self) -> int:
         return len(self.keys())
 
-    __eq__ = object.__eq__  # a Mapping would compare arrays
+    __eq__ = object.__eq__  # Mapping.__eq__ would compare arrays
     __hash__ = object.__hash__
 
     def keys(self) -> KeysView[str]:
-        """Names of the AOVs."""
+        """Return the names of the AOVs."""
         return dict.fromkeys((*self._aovs, *self._added)).keys()
 
     def save(self, path: str | os.PathLike[str], exposure: float = 0.0) -> None:
-        """Write every AOV as OpenEXR (.exr) or the picture as 8-bit sRGB (.png).
+        """Write every AOV as OpenEXR (.exr), or the color as 8-bit sRGB (.png).
 
         The file appears whole or not at all; an existing file is replaced.
 
@@ -117,8 +115,8 @@ class Frame(Mapping[str, NDArray[Any]]):
         ------
         FileError
             The extension is neither .exr nor .png, or the file cannot be written.
-        SettingsError
-            `exposure` is out of range.
+        SplatclError
+            `exposure` is out of range (`SettingsError`), or is given for an .exr.
         """
         from splatcl.io.exr import write_exr
         from splatcl.io.png import write_png
@@ -127,37 +125,37 @@ class Frame(Mapping[str, NDArray[Any]]):
         if suffix == ".png":
             write_png(path, self._straight_color(), exposure)
         elif exposure:
-            raise SplatclError(f"{path}: exposure is for .png; an .exr holds the linear values")
+            raise SplatclError(f"{path}: exposure must be 0 for .exr, whose values are linear; write a .png")
         else:
             write_exr(path, self, self.camera, self.settings, self.metadata)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Frame:
-        """Read a frame that splatcl wrote as .exr, to look at or to `shade` again; see `splatcl.read_frame`."""
+        """Read a frame from an .exr of splatcl; see `splatcl.read_frame`."""
         return read_frame(path)
 
     def shade(
         self, settings: RenderSettings | None = None, *, renderer: Session | None = None, **changes: Any
     ) -> Frame:
-        """Return this frame lit and shaded anew from its AOVs, without its splats (docs/guide/shaders.md).
+        """Light and shade this frame again from its AOVs, without its splats (docs/guide/shaders.md).
 
-        A frame of `render` gets the same bits as a fresh render with the same settings, also after it was saved as
-        .exr and loaded, but for double precision, which the file rounds.
+        The result has the bits of a new render with the same settings, also after `save` and `load`. In double
+        precision a loaded frame differs: the file holds float32.
 
         Parameters
         ----------
         settings : RenderSettings, optional
-            Shader, lights, material and the like are taken from here; the frame's own by default. What is not of
-            shading must be as it was for this frame, or as the defaults are.
+            Shader, lights, material and other shading settings; the frame's own by default. Each setting that is not
+            of shading must equal the frame's or the default.
         renderer : Renderer, optional
-            Shades on its device; the frame's own renderer by default, or one on the default device.
+            Shades on its device. The default is the frame's own renderer, or one on the default device.
         **changes
             Fields of `settings` to change, such as ``shader="npr"``.
 
         Raises
         ------
         SplatclError
-            The frame lacks P, N or albedo (eye space, (H, W, 3)), or its lighting is blended already.
+            The frame has no P, N or albedo (eye space, (H, W, 3)), or its lighting was blended.
         SettingsError
             The change needs a new render, or the shader does not compile.
         """
@@ -171,17 +169,16 @@ class Frame(Mapping[str, NDArray[Any]]):
         return self.with_color(color, wanted, metadata)
 
     def with_color(self, color: NDArray[Any], settings: RenderSettings, metadata: dict[str, Any]) -> Frame:
-        """Return this frame with other colors, the settings they were made with, and `metadata` added."""
+        """Return a frame with these AOVs but another (H, W, 4) color, its settings, and `metadata` added."""
         frame = Frame(self._aovs, self.camera, settings, self.metadata | metadata)
         frame.rendered_from = self.rendered_from
         frame._added = self._added | {"color": color}
         return frame
 
     def probe(self, x: int, y: int) -> Probe:
-        """Explain a pixel: every splat that touches it or nearly does, and what became of it.
+        """Explain the pixel (x, y): list every splat that touches it or nearly does, with its fate in each pass.
 
-        The frame keeps its splats for this. `SplatclError` says so where the pixel is outside the image, or the
-        frame has none: it was pickled or not rendered.
+        Raises `SplatclError` as `origin` does, and if the pixel is outside the image.
         """
         from splatcl.evidence.probe import probe
 
@@ -189,9 +186,10 @@ class Frame(Mapping[str, NDArray[Any]]):
         return probe(session, uploaded, self.camera, self.settings, self, x, y)
 
     def check(self) -> tuple[Check, ...]:
-        """Render again and account for every splat, record, fragment and color; see docs/trust/probe.md.
+        """Render again and account for every splat, record, fragment and color (docs/trust/probe.md).
 
-        The results are also put into `metadata["checks"]`. `SplatclError` as for `probe`.
+        The verdicts are also recorded in ``metadata["checks"]``.
+        Raises `SplatclError` as `origin` does.
         """
         from splatcl.evidence.accounting import check
 
@@ -201,9 +199,9 @@ class Frame(Mapping[str, NDArray[Any]]):
         return checks
 
     def add_margin(self) -> None:
-        """Add the AOVs "margin" and "margin.raw": how near each pixel's decisions are to flipping.
+        """Add the AOVs "margin" and "margin.raw", (H, W): each pixel's distance to a flipped decision.
 
-        See `splatcl.evidence.host.margin`; `SplatclError` as for `probe`.
+        `splatcl.evidence.host.margin` defines them. Raises `SplatclError` as `origin` does.
         """
         from splatcl.evidence.margin import margin
 
@@ -212,9 +210,10 @@ class Frame(Mapping[str, NDArray[Any]]):
         self._added |= dict(zip(MARGINS, session.call(margin, *arguments), strict=True))
 
     def add_envelope(self, tolerance: float | None = None) -> None:
-        """Add the bounds within which every correct renderer lands: Z.lo, Z.hi, and those of weight, albedo and N.
+        """Add lower and upper bounds of every correct renderer's Z, weight, albedo and N: Z.lo, Z.hi and so on.
 
-        See `splatcl.evidence.host.envelope`, also for `tolerance`; `SplatclError` as for `probe`.
+        `splatcl.evidence.host.envelope` defines them and `tolerance`. Raises `SplatclError` as `origin` does, and
+        `SettingsError` if `tolerance` is out of range or the settings have no envelope.
         """
         from splatcl.evidence.envelope import envelope
         from splatcl.evidence.host.envelope import TOLERANCE
@@ -226,16 +225,17 @@ class Frame(Mapping[str, NDArray[Any]]):
         self.metadata["envelope_tolerance"] = tolerance
 
     def origin(self, purpose: str) -> tuple[Session, UploadedSplats]:
-        """Return the session and the splats that the frame was rendered with; `purpose` is what for."""
+        """Return the session and the splats of the render; `purpose` is a verb for the error: "probe".
+
+        Raises `SplatclError` if the frame is supersampled, or has no splats because it was read or unpickled.
+        """
         if self.settings.supersampling > 1:
             raise SplatclError(
-                f"cannot {purpose} a supersampled frame: decisions are made at samples, and its pixels are means of "
-                f"{self.settings.supersampling**2} samples each; render with supersampling=1"
+                f"cannot {purpose} a supersampled frame: each pixel is a mean of {self.settings.supersampling**2} "
+                "samples, which decide separately; render with supersampling=1"
             )
         if self.rendered_from is None:
-            raise SplatclError(
-                f"cannot {purpose} a frame without its splats (it was read or unpickled); render it again"
-            )
+            raise SplatclError(f"cannot {purpose} a frame without its splats (read or unpickled); render it again")
         return self.rendered_from
 
     def _repr_png_(self) -> bytes:
@@ -244,7 +244,7 @@ class Frame(Mapping[str, NDArray[Any]]):
         return encode_png(self._straight_color())
 
     def _straight_color(self) -> NDArray[Any]:
-        """Return `color` with straight alpha, as PNG has it; the two differ where alpha is neither 0 nor 1."""
+        """Return `color` with straight alpha, as in PNG; it differs from associated where 0 < alpha < 1."""
         if self.settings.supersampling == 1:
             return self.color
         rgb, alpha = self.color[..., :3], self.color[..., 3:]
@@ -262,7 +262,7 @@ class Frame(Mapping[str, NDArray[Any]]):
 
 
 def output_format(path: str | os.PathLike[str]) -> str:
-    """Return ".exr" or ".png", the format that a path's extension asks for, or raise `FileError`."""
+    """Return the extension of a path, ".exr" or ".png"; raise `FileError` for another one."""
     suffix = Path(path).suffix.lower()
     if suffix not in OUTPUT_FORMATS:
         raise FileError(f"{path}: cannot write {suffix or 'a file without extension'}; use .exr or .png")
@@ -270,31 +270,31 @@ def output_format(path: str | os.PathLike[str]) -> str:
 
 
 def read_frame(path: str | os.PathLike[str]) -> Frame:
-    """Read a frame that splatcl wrote.
+    """Read a frame from an OpenEXR file of splatcl.
 
     Parameters
     ----------
     path : path
-        .exr.
+        An .exr file.
 
     Returns
     -------
     Frame
-        AOVs as written (float32, uint32), camera and settings exactly, metadata as JSON has it. It has no splats, so
-        it can be shaded again but not probed.
+        The AOVs as written (float32, uint32), the same camera and settings, the metadata as JSON returns it. The
+        frame has no splats: it can be shaded again but not probed.
 
     Raises
     ------
     FileError
-        The file is missing or damaged, not OpenEXR, or not from splatcl.
+        The file is missing or damaged, is not OpenEXR, or is not from splatcl.
     SettingsError
-        Its settings are of another version of splatcl.
+        The settings are those of another version of splatcl.
     """
     aovs, camera, metadata = read_exr(path)
     if camera is None or "settings" not in metadata:
-        raise FileError(f"{path}: splatcl did not write it: it has no camera and settings; make a Frame of its AOVs")
+        raise FileError(f"{path}: has no camera and settings of splatcl; make a Frame of its AOVs")
     try:
         settings = from_json(RenderSettings, metadata.pop("settings"))
     except (SettingsError, TypeError) as error:
-        raise SettingsError(f"{path}: settings of another version of splatcl: {error}") from None
+        raise SettingsError(f"{path}: has settings of another version of splatcl ({error}); render again") from None
     return Frame(aovs, camera, settings, metadata)

@@ -1,4 +1,4 @@
-"""render(): splats and a camera in, a Frame out; Renderer keeps the device and its buffers between frames."""
+"""render: splats and a camera to a Frame. Renderer: the same, with a device kept between frames."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from splatcl.scene.splats import Splats
 
 
 class Renderer(Session):
-    """Renders frames on one OpenCL device, which it opens once.
+    """Renders frames on one OpenCL device and keeps the device and its buffers between frames.
 
     Parameters
     ----------
     device : str or int, optional
-        An index of `splatcl devices` or words of a platform's, version's or device's name; SPLATCL_DEVICE and
-        then PoCL's CPU by default.
+        An index of `splatcl devices`, or words of the platform's, version's or device's name. The default is
+        SPLATCL_DEVICE, then PoCL's CPU.
     tile_size : {8, 16, 32, 64}
-        Pixels; changes speed only, never a bit of the image.
+        Side of a tile, pixels; changes speed only, never a bit of the image.
     lanes : {1, 4, 8, 16}, optional
-        Vector width in single precision, 8 on a CPU and 1 elsewhere by default; changes speed only. PoCL 3.0 has
-        no 16.
+        Vector width in single precision; changes speed only. The default is 8 on a CPU and 1 elsewhere. PoCL 3.0
+        has no 16.
     mapping : {"tile", "pixel"}, optional
-        Whether a work-item of the raster passes takes a tile (the default on a CPU) or a pixel (elsewhere, and
-        then ``lanes`` is 1); changes speed only.
+        Work of a work-item in the raster passes; changes speed only. The default is a tile on a CPU and a pixel
+        elsewhere; ``mapping="pixel"`` needs ``lanes=1``.
     allow_inexact : bool
-        Render even if the device's arithmetic is not strict or the environment injects compiler flags; the frame's
-        metadata then says why the image is "inexact".
+        Render even if the device's arithmetic is not strict or the environment injects compiler flags. The key
+        "inexact" of the frame's metadata then gives the reason.
 
     Raises
     ------
     DeviceError
-        No such device, it does not start, or it may not render references (`splatcl doctor`).
+        No device matches, the device does not start, or its arithmetic is not strict (`splatcl doctor`).
     SettingsError
-        A tile size, a number of lanes or a mapping that the kernels do not have.
+        The kernels do not support the tile size, the number of lanes or the mapping.
     """
 
     def render(self, splats: Splats | UploadedSplats, camera: Camera, settings: RenderSettings | None = None) -> Frame:
@@ -46,14 +46,14 @@ class Renderer(Session):
 def render(
     splats: Splats, camera: Camera, settings: RenderSettings | None = None, *, device: str | int | None = None
 ) -> Frame:
-    """Render splats: bin, project, visibility, attributes, shade ([BHZK05] figure 1).
+    """Render splats in five passes: bin, project, visibility, attributes, shade ([BHZK05] figure 1).
 
     Parameters
     ----------
     splats : Splats
     camera : Camera
     settings : RenderSettings, optional
-        The paper's defaults where omitted.
+        The defaults of [BHZK05] if omitted.
     device : str or int, optional
         As for `Renderer`.
 
@@ -65,9 +65,9 @@ def render(
     Raises
     ------
     SettingsError
-        The settings have no meaning for these splats.
+        The settings contradict each other or do not fit these splats.
     DeviceError
-        No usable device, or the image is too large for it.
+        There is no usable device, or the image is too large for it.
     """
     return _render(default_session(device), splats, camera, settings)
 

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from splatcl import oracle
 from splatcl.opencl.aovs import DeviceAovs
 from splatcl.opencl.passes.attributes import attributes, fragment_arguments
-from splatcl.opencl.passes.bin import bin, in_order
+from splatcl.opencl.passes.bin import all_splats, bin
 from splatcl.opencl.passes.project import project
 from splatcl.opencl.passes.visibility import visibility
 from splatcl.opencl.session import Session, UploadedSplats
-from splatcl.opencl.state.buffers import Band, DepthBuffer, ProjectedSplats, TileLists
+from splatcl.opencl.state.buffers import Band, DepthBuffer, ProjectedSplats, Raster, TileLists
 from splatcl.opencl.state.context import PassContext, frame_buffers
 from splatcl.opencl.state.upload import DeviceSplats
 from splatcl.scene.camera import Camera
@@ -97,7 +97,7 @@ def _account(
     """
     settings = replace(settings, shading="deferred", shader="albedo", user_shader="")
     white = replace(uploaded.splats, color=np.tile(CONSTANT_COLOR, (len(uploaded.splats), 1)))
-    context, on_device = session.prepare(session.upload(white), camera, settings)
+    context, on_device = session.pass_inputs(session.upload(white), camera, settings)
     view, epsilon = context.view(on_device.origin), uploaded.epsilon(settings)
     kept = _project_in_order(context, view, on_device)
     copies = _expected_copies(kept, context.tile_size, context.tiles_x)
@@ -110,7 +110,7 @@ def _account(
         num_listed += int(lists.begin[-1])
         visibility(context, lists, projected, depth)
         attributes(context, Band(view, lists, projected, depth, epsilon), gbuffer)
-    aovs = DeviceAovs(context, view, depth, gbuffer, None)
+    aovs = DeviceAovs(context, Raster(view, depth, gbuffer, epsilon), None)
     num_fragments = _count_fragments(context, view, on_device, depth, epsilon)
     checks = [
         _check_binning(faults, len(copies.tile), num_listed, context.num_tiles),
@@ -197,7 +197,7 @@ class _Copies:
 def _project_in_order(context: PassContext, view: Any, splats: DeviceSplats) -> _Projected:
     """Project every splat, without tiles, and return those that touch a pixel."""
     parts = []
-    for lists in in_order(context, splats.num_splats):
+    for lists in all_splats(context, splats.num_splats):
         part = _Projected.read(context, lists, project(context, view, splats, lists))
         parts.append(part.take(part.boxes[:, 0] <= part.boxes[:, 2]))
     return _Projected(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(_Projected)))
@@ -264,7 +264,7 @@ def _count_fragments(context: PassContext, view: Any, splats: DeviceSplats, dept
     """Count the fragments splat by splat (kernels/accounting.cl)."""
     (epsilon, along, _, inverse_radius2, _, _), options = fragment_arguments(context, epsilon)
     total = 0
-    for lists in in_order(context, splats.num_splats):
+    for lists in all_splats(context, splats.num_splats):
         projected, num = project(context, view, splats, lists), int(lists.begin[-1])
         num_chunks = -(-num // CHUNK)
         counts = context.device.buffer(num_chunks * 8)

@@ -139,7 +139,7 @@ def _verdict(profile: Arithmetic) -> str:
 
 
 def _own_or_ours(profiles: tuple[Arithmetic, ...], option: str) -> str:
-    replaced = [f for p in profiles for f in p.replaced if arithmetic.OWN[f.operation] == option]
+    replaced = [f for p in profiles for f in p.replaced if arithmetic.REPLACEABLE[f.operation] == option]
     return f"ours, for the device's is wrong: {replaced[0]}" if replaced else "the device's own, correctly rounded"
 
 

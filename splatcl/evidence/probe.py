@@ -25,7 +25,7 @@ from splatcl.evidence.probe_report import (
     Sums,
 )
 from splatcl.opencl.passes.attributes import fragment_arguments
-from splatcl.opencl.passes.bin import in_order, listed
+from splatcl.opencl.passes.bin import all_splats, one_tile
 from splatcl.opencl.passes.project import project
 from splatcl.opencl.session import Session, UploadedSplats
 from splatcl.opencl.state.buffers import TileLists
@@ -62,7 +62,7 @@ def at_pixel(
     rows: dict[str, Array] = {}
     known = np.zeros(0, np.uint32)
     for reason, wider_camera, wider_settings in _projections(camera, settings):
-        context, on_device = session.prepare(uploaded, wider_camera, wider_settings)
+        context, on_device = session.pass_inputs(uploaded, wider_camera, wider_settings)
         view = context.view(on_device.origin)
         near = _nearby(context, view, on_device, pixel)
         projected = project(context, view, on_device, near)
@@ -111,7 +111,7 @@ def _projections(camera: Camera, settings: RenderSettings) -> Iterator[tuple[str
 def _nearby(context: PassContext, view: Any, splats: DeviceSplats, pixel: tuple[int, int]) -> TileLists:
     """List the splats that are nearly at the pixel."""
     device, found = context.device, [np.zeros(0, np.int32)]
-    for lists in in_order(context, splats.num_splats):
+    for lists in all_splats(context, splats.num_splats):
         projected, num = project(context, view, splats, lists), int(lists.begin[-1])
         num_chunks = -(-num // CHUNK)
         ids, counts = device.buffer(num * 4), device.buffer(num_chunks * 4)
@@ -122,7 +122,7 @@ def _nearby(context: PassContext, view: Any, splats: DeviceSplats, pixel: tuple[
         )  # fmt: skip
         lengths, places = device.read(counts, (num_chunks,), np.int32), device.read(ids, (num,), np.int32)
         found += [places[i * CHUNK : i * CHUNK + length] for i, length in enumerate(lengths)]
-    return listed(context, np.concatenate(found))
+    return one_tile(context, np.concatenate(found))
 
 
 def probe(

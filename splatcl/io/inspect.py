@@ -37,7 +37,7 @@ class Summary:
     attributes : tuple of str
         Which of normals, color, radius, tangents and face color are present.
     spacing : float
-        Median distance of a point to its nearest neighbour, scene units; 0 where there is no neighbour.
+        Median distance of a point to its nearest neighbor, scene units; 0 where there is no neighbor.
     skipped : tuple of (int, str)
         How many points, triangles or splats ``read(path, on_invalid="drop")`` leaves out, and why.
     notes : tuple of str

@@ -58,7 +58,7 @@ def _write_ply(splats: Splats, stream: Any) -> None:
     from plyfile import PlyData, PlyElement
 
     columns = {name: getattr(splats, group)[:, k] for group, names in GROUPS.items() for k, name in enumerate(names)}
-    for group, array in splats.further.items():
+    for group, array in splats.optional.items():
         names = FURTHER.get(group, (COLUMN + group.removeprefix(PREFIX),))
         columns |= dict(zip(names, array.reshape(len(splats), len(names)).T, strict=True))
     rows = np.empty(len(splats), [(name, column.dtype) for name, column in columns.items()])
@@ -69,5 +69,5 @@ def _write_ply(splats: Splats, stream: Any) -> None:
 
 
 def _write_npz(splats: Splats, stream: Any) -> None:
-    arrays = {group: getattr(splats, group) for group in GROUPS} | splats.further
+    arrays = {group: getattr(splats, group) for group in GROUPS} | splats.optional
     np.savez(stream, **arrays, splatcl=np.array(_extra(splats)))

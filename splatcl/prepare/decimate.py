@@ -1,7 +1,8 @@
-"""Fewer, larger splats within an error bound, in the spirit of [WK04].
+"""Replace splats by fewer, larger ones within an error bound, in the spirit of [WK04].
 
-A patch grows about each of many splats, over those around it, until one leaves the bounds; a greedy set cover chooses
-patches that have all splats; each becomes the ellipse that holds its splats' discs (patches.py grows and chooses).
+Patches grow about many splats until a splat leaves the bounds. A greedy set cover chooses patches that contain all
+splats (patches.py does both). Each chosen patch becomes the ellipse that contains the discs of its splats.
+
 [WK04]: Wu & Kobbelt, Optimized Sub-Sampling of Point Sets for Surface Splatting, 2004.
 """
 
@@ -16,77 +17,77 @@ from numpy.typing import NDArray
 
 from splatcl.errors import SettingsError
 from splatcl.prepare.normal_fields import fit_normal_fields
-from splatcl.prepare.patches import Patches, Surface, cover, grow
+from splatcl.prepare.patches import Patches, Samples, cover, grow
 from splatcl.prepare.voronoi import principal, tangent_frame
 from splatcl.scene.splats import Splats
 
 ANGLE = 30.0
-"""Degrees by which normals may differ from that of the splat that covers them."""
+"""Default largest angle of a covered normal to the normal of its splat, degrees."""
 
 NUM_CORNERS = 32
-"""Of the polygon about a disc that an ellipse is made to hold: at most half a percent larger than needed."""
+"""Number of corners of the polygon about a disc: an ellipse that contains it is at most half a percent too large."""
 
 
 def decimate(splats: Splats, error: float, *, angle: float = ANGLE, fields: bool = False) -> Splats:
     """Cover splats with fewer, larger ones.
 
-    Every centre lies within `error` of the plane of an output splat whose ellipse holds its projection, and whose
-    normal is within `angle` of its own. The ellipse holds the projection of its whole disc too, so that discs without
-    holes become ellipses without holes. Colours and attributes are means by area of all that is under an ellipse.
+    Some output splat covers each input splat: the input's center is within `error` of its plane, the input's normal
+    is within `angle` of its normal, and its ellipse contains the projection of the input's disc. Therefore discs
+    without holes become ellipses without holes. Colors and attributes are means, weighted by the discs' areas.
 
     Parameters
     ----------
     splats : Splats
-        Where their normals' signs mean nothing, those are ignored.
+        Signs of normals are ignored unless ``splats.oriented``.
     error : float
-        Largest distance of a covered centre from the plane, scene units.
+        Largest distance of a covered center from the plane, scene units.
     angle : float
-        Largest angle of a covered normal to the splat's, degrees, up to 60.
+        Largest angle of a covered normal to the output splat's normal, degrees, at most 60.
     fields : bool
-        Fit normal fields to the normals of the splats over each ellipse (`fit_normal_fields`).
+        Fit normal fields to the normals of the input splats (`fit_normal_fields`).
 
     Returns
     -------
     Splats
-        Each stands for 2048 at most. Normal fields and clip lines are not carried over; a note says so.
+        Each output splat covers at most 2048 input splats. Normal fields and clip lines are lost; a note says so.
 
     Raises
     ------
     SettingsError
-        An error that is not positive, or an angle out of range.
+        `error` is not positive or not finite, or `angle` is out of range.
     """
     if not (error > 0 and math.isfinite(error)):
-        raise SettingsError(f"error {error} must be a positive distance, scene units")
+        raise SettingsError(f"error {error} must be positive and finite, scene units")
     if not 0 < angle <= 60:
         raise SettingsError(f"angle {angle} must be above 0 and at most 60 degrees")
     if not len(splats):
         return splats
-    surface = _surface(splats, error, math.radians(angle))
-    patches = grow(surface)
-    result = _ellipses(splats, surface, patches.take(cover(patches, len(splats))))
+    samples = _samples(splats, error, math.radians(angle))
+    patches = grow(samples)
+    result = _ellipses(splats, samples, patches.take(cover(patches, len(splats))))
     return fit_normal_fields(result, splats.center, splats.normal) if fields else result
 
 
-def _surface(splats: Splats, error: float, angle: float) -> Surface:
+def _samples(splats: Splats, error: float, angle: float) -> Samples:
     from scipy.spatial import cKDTree
 
     center = splats.center.astype(np.float64)
     center -= center.mean(axis=0)
     area = np.linalg.norm(np.cross(splats.tangent_u.astype(np.float64), splats.tangent_v.astype(np.float64)), axis=1)
-    return Surface(center, splats.normal, area, splats.oriented, cKDTree(center), error, angle)
+    return Samples(center, splats.normal, area, splats.oriented, cKDTree(center), error, angle)
 
 
-def _ellipses(splats: Splats, surface: Surface, patches: Patches) -> Splats:
-    """Return a splat for each patch: its plane halfway between the lowest and the highest centre."""
+def _ellipses(splats: Splats, samples: Samples, patches: Patches) -> Splats:
+    """Return a splat for each patch; its plane is halfway between the lowest and the highest center."""
     first, ids = patches.begin[:-1], patches.ids
     rows = np.repeat(np.arange(len(patches)), np.diff(patches.begin))
-    normal = surface.normal[patches.seed]
+    normal = samples.normal[patches.seed]
     frame = np.stack([*tangent_frame(normal), normal])
-    offset = surface.center[ids] - surface.center[patches.seed][rows]
+    offset = samples.center[ids] - samples.center[patches.seed][rows]
     x, y, height = np.einsum("pi,fpi->fp", offset, frame[:, rows])
     tangents = np.stack([splats.tangent_u, splats.tangent_v])[:, ids].astype(np.float64)
-    axes = np.einsum("tpi,fpi->tfp", tangents, frame[:2, rows])  # each disc's, in the frame
-    area = surface.area[ids]
+    axes = np.einsum("tpi,fpi->tfp", tangents, frame[:2, rows])
+    area = samples.area[ids]
     middle, half = _bounding_ellipses(rows, area, np.stack([x, y]), axes)
     level = 0.5 * (np.maximum.reduceat(height, first) + np.minimum.reduceat(height, first))
     center = splats.center[patches.seed] + np.einsum("fn,fni->ni", np.stack([*middle, level]), frame)
@@ -96,10 +97,9 @@ def _ellipses(splats: Splats, surface: Surface, patches: Patches) -> Splats:
     def mean(values: NDArray[Any]) -> NDArray[Any]:
         return (np.bincount(rows, area * values[ids]) / total).astype(values.dtype)
 
-    lost = [
-        name for name, there in (("normal fields", splats.normal_du), ("clip lines", splats.clip)) if there is not None
-    ]
-    error, angle = surface.error, math.degrees(surface.angle)
+    optional = (("normal fields", splats.normal_du), ("clip lines", splats.clip))
+    lost = [name for name, array in optional if array is not None]
+    error, angle = samples.error, math.degrees(samples.angle)
     note = f"decimated {len(splats)} splats to {len(patches)}: error {error:.6g}, angle {angle:.6g} degrees"
     return replace(
         splats,
@@ -111,39 +111,39 @@ def _ellipses(splats: Splats, surface: Surface, patches: Patches) -> Splats:
         normal_du=None,
         normal_dv=None,
         clip=None,
-        notes=(*splats.notes, note, *(f"left out the {name} of the splats before" for name in lost)),
+        notes=(*splats.notes, note, *(f"dropped the {name} of the original splats" for name in lost)),
         on_invalid="error",
     )
 
 
 def _bounding_ellipses(
-    rows: NDArray[np.intp], area: NDArray[np.float64], place: NDArray[np.float64], axes: NDArray[np.float64]
+    rows: NDArray[np.intp], area: NDArray[np.float64], center: NDArray[np.float64], axes: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return ellipses that hold the discs of each row, along the discs' principal axes.
+    """Return the ellipses that contain the discs of each row, along the discs' principal axes.
 
     Parameters
     ----------
     rows : (P,) int array
-        The ellipse that a disc goes into; 0 to N - 1, each there, in order.
+        The ellipse of each disc, 0 to N - 1, in ascending order; each ellipse has a disc.
     area : (P,) float64 array
         Weights of the discs.
-    place : (2, P) float64 array
-        The discs' centres in the plane of their ellipse.
+    center : (2, P) float64 array
+        The discs' centers in the plane of their ellipse, scene units.
     axes : (2, 2, P) float64 array
-        Their half axes there: [t, f] is component f of axis t.
+        The discs' half axes in that plane: [t, f] is component f of axis t.
 
     Returns
     -------
     middle : (2, N) float64 array
-        Centres.
+        Centers, scene units.
     half : (2, 2, N) float64 array
-        Half axes, the longer first, turning the same way as the frame.
+        Half axes, the longer first, with the orientation of the frame.
     """
     total = np.bincount(rows, area)
-    middle = np.stack([np.bincount(rows, area * p) for p in place]) / total
-    x, y = place - middle[:, rows]
+    middle = np.stack([np.bincount(rows, area * c) for c in center]) / total
+    x, y = center - middle[:, rows]
     (ux, uy), (vx, vy) = axes
-    # A disc's own second moments are a quarter of its axes'.
+    # The second moments of a disc with half axes u, v are (u u^T + v v^T) / 4.
     xx, xy, yy = (
         np.bincount(rows, area * (a * b + 0.25 * (c * d + e * f))) / total
         for a, b, c, d, e, f in ((x, x, ux, ux, vx, vx), (x, y, ux, uy, vx, vy), (y, y, uy, uy, vy, vy))
@@ -151,7 +151,7 @@ def _bounding_ellipses(
     mean, spread, turn = principal(xx, xy, yy)
     cos, sin = np.cos(turn), np.sin(turn)
     long, short = np.sqrt(mean + spread), np.sqrt((xx * yy - xy * xy) / (mean + spread))
-    # In units of the ellipse: its unit circle is to hold all discs.
+    # The map turns the ellipse into the unit circle; `farthest` is the factor by which the circle must grow.
     to_unit = np.array([[cos / long, sin / long], [-sin / short, cos / short]])[..., rows]
     px, py = np.einsum("fgp,gp->fp", to_unit, np.stack([x, y]))
     (ux, uy), (vx, vy) = np.einsum("fgp,tgp->tfp", to_unit, axes) / math.cos(math.pi / NUM_CORNERS)

@@ -1,4 +1,4 @@
-"""Splats that cover a mesh: the Steiner circumellipse of each triangle, large triangles halved first."""
+"""Splats that cover a mesh: the Steiner circumellipse of each triangle, after large triangles are halved."""
 
 from __future__ import annotations
 
@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from splatcl.errors import InvalidSplatsError
-from splatcl.scene.splats import MAX_MAGNITUDE, MIN_AREA, OnInvalid, Splats
+from splatcl.scene.splats import MAX_MAGNITUDE, MIN_AREA, OnInvalid, Splats, float_array
 
 MAX_SIZE = 0.01
-"""Largest half axis of an ellipse, as a share of the bounding box's diagonal: it bounds how far a silhouette
-juts out."""
+"""Largest half axis of an ellipse, relative to the bounding box's diagonal: it bounds the overhang at silhouettes."""
 MAX_SPLATS = 2_000_000
-"""Subdivision stops before it makes more splats than this."""
+"""Largest number of splats that subdivision makes."""
 MIN_ASPECT = 1e-6
-"""A triangle has no area where its ellipse's half axes are in a smaller ratio than this."""
+"""Least ratio of an ellipse's half axes: below it, the triangle has no area."""
 REASONS = ("", "a non-finite or huge number", "no area")
 
 
@@ -35,7 +34,7 @@ def splats_from_mesh(
 ) -> Splats:
     """Make splats that cover every triangle of a mesh.
 
-    Triangles of no area are skipped, for they cover nothing; a note says how many and which is the first.
+    Triangles without area are skipped; a note gives their number and the first index.
 
     Parameters
     ----------
@@ -46,26 +45,26 @@ def splats_from_mesh(
     color : (V, 3) or (F, 3) float array, optional
         Linear RGB of vertices (a splat gets the mean of its corners) or of faces.
     normals : (V, 3) float array, optional
-        Of vertices; they turn a triangle whose winding points the other way.
+        Normals of vertices, world space; a triangle whose winding opposes them is turned.
     per_face : bool, optional
-        Whether `color` is of faces; by its length where omitted (of vertices where V = F).
+        True if `color` has a row for each face. If omitted, its length decides; V = F counts as vertices.
     max_size : float
-        Triangles whose ellipse is longer than this share of the bounding box's diagonal are halved.
+        Largest half axis of an ellipse, relative to the bounding box's diagonal; larger triangles are halved.
     on_invalid : {"error", "drop"}
-        What to do with triangles that have a non-finite or huge corner or colour.
+        Treatment of triangles with a non-finite or huge corner or color.
     notes : iterable of str
-        Sentences to put before the ones about the conversion.
+        Sentences that precede the notes on the conversion.
 
     Returns
     -------
     Splats
-        In the order of the faces; the halves of a face follow each other.
+        In the order of the faces; the parts of a face are consecutive.
 
     Raises
     ------
     InvalidSplatsError
-        Wrong shapes, a face index out of range, no triangle with an area, or invalid triangles under
-        ``on_invalid="error"``.
+        An array has a wrong shape, a face index is out of range, no triangle has an area, or triangles are invalid
+        under ``on_invalid="error"``.
     """
     triangles = mesh_triangles(
         vertices, faces, color, normals, per_face=per_face, max_size=max_size, on_invalid=on_invalid, notes=notes
@@ -85,18 +84,18 @@ def splats_from_mesh(
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """The usable triangles of a mesh, the large ones halved."""
+    """The usable triangles of a mesh; large ones are halved."""
 
     corners: NDArray[np.float64]  # (T, 3, 3), world space
-    color: NDArray[np.float64] | None  # (T, 3, 3) of the corners, linear RGB
-    face: NDArray[np.intp]  # (T,) the row of `face_corners` that each is part of
-    face_corners: NDArray[np.float64]  # (F, 3, 3) the usable faces
+    color: NDArray[np.float64] | None  # (T, 3, 3) colors of the corners, linear RGB
+    face: NDArray[np.intp]  # (T,) row in `face_corners` of the face that contains the triangle
+    face_corners: NDArray[np.float64]  # (F, 3, 3) usable faces, world space
     num_dropped: int
     notes: tuple[str, ...]
 
     @property
     def mean_color(self) -> NDArray[np.float32] | None:
-        """(T, 3) linear RGB of the triangles, or None."""
+        """(T, 3) float32 linear RGB of the triangles, or None."""
         return None if self.color is None else self.color.mean(axis=1).astype(np.float32)
 
 
@@ -111,16 +110,16 @@ def mesh_triangles(
     on_invalid: OnInvalid,
     notes: Iterable[str],
 ) -> Triangles:
-    """Check a mesh and return its triangles; parameters and errors are those of `splats_from_mesh`."""
+    """Check a mesh and return its triangles; the parameters and errors are those of `splats_from_mesh`."""
     corners, corner_color, face_normals = _corners(vertices, faces, color, normals, per_face)
     reason = _reasons(corners, corner_color)
-    all_notes = [*notes, *_left_out(reason, on_invalid)]
-    solid = reason == 0
-    if not solid.any():
-        raise InvalidSplatsError(f"none of {len(solid)} triangles has finite corners and an area above 1e-15")
-    corners, corner_color = corners[solid], None if corner_color is None else corner_color[solid]
+    all_notes = [*notes, *_omissions(reason, on_invalid)]
+    usable = reason == 0
+    if not usable.any():
+        raise InvalidSplatsError(f"none of {len(usable)} triangles has finite corners and an area above 1e-15")
+    corners, corner_color = corners[usable], None if corner_color is None else corner_color[usable]
     if face_normals is not None:
-        flipped = _flip_to(corners, corner_color, face_normals[solid])
+        flipped = _flip_to(corners, corner_color, face_normals[usable])
         if flipped:
             all_notes.append(f"turned {flipped} triangles to the side of their vertex normals")
     parts, part_color, face = _halve_large(corners, corner_color, max_size)
@@ -130,21 +129,21 @@ def mesh_triangles(
 
 
 def steiner_ellipses(corners: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Return the least-area ellipses through the corners of triangles.
+    """Return the ellipses of least area through the corners of triangles.
 
     Parameters
     ----------
     corners : (N, 3, 3) float array
-        Triangles, corners along the second axis.
+        Triangles; the corners are along the second axis.
 
     Returns
     -------
     center, tangent_u, tangent_v : (N, 3) float arrays
-        Centroids and principal half axes, the longer first; u x v is on the side that the winding gives.
+        Centroids and principal half axes, the longer first; u x v points to the side with counter-clockwise corners.
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     center = (a + b + c) / 3
-    # Conjugate half-diameters p, q; turning them by t within the ellipse keeps them conjugate.
+    # Turning conjugate half diameters p, q within the ellipse keeps them conjugate; this turn makes them orthogonal.
     p, q = c - center, (a - b) / np.sqrt(3.0)
     turn = 0.5 * np.arctan2(2 * np.einsum("ni,ni->n", p, q), np.einsum("ni,ni->n", p + q, p - q))
     cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
@@ -152,7 +151,7 @@ def steiner_ellipses(corners: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any],
 
 
 def face_out_of_range(faces: NDArray[Any], num_vertices: int) -> str | None:
-    """Say which face refers to a vertex that does not exist, or return None."""
+    """Describe the first face with a vertex index out of range, or return None."""
     bad = ((faces < 0) | (faces >= num_vertices)).any(axis=1)
     if not bad.any():
         return None
@@ -164,12 +163,12 @@ def face_out_of_range(faces: NDArray[Any], num_vertices: int) -> str | None:
 def invalid_triangles(
     vertices: ArrayLike, faces: ArrayLike, color: ArrayLike | None = None, per_face: bool | None = None
 ) -> NDArray[np.uint8]:
-    """Return (F,) uint8: 0 for a usable triangle, else the index in `REASONS` of what is wrong with it."""
+    """Return (F,) uint8 indices in `REASONS`: 0 for a usable triangle, else the index of its problem."""
     return _reasons(*_corners(vertices, faces, color, None, per_face)[:2])
 
 
 def _corners(vertices: Any, faces: Any, color: Any, normals: Any, per_face: bool | None) -> tuple[Any, Any, Any]:
-    """Return (F, 3, 3) float64 corners, their (F, 3, 3) colours and (F, 3) summed normals, or None."""
+    """Return (F, 3, 3) float64 corners, (F, 3, 3) colors or None, and (F, 3) summed normals or None."""
     points, faces = _floats("vertices", vertices), np.asarray(faces)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidSplatsError(f"vertices have shape {points.shape}; it must be (V, 3)")
@@ -180,30 +179,28 @@ def _corners(vertices: Any, faces: Any, color: Any, normals: Any, per_face: bool
         raise InvalidSplatsError(problem)
     corner_color = corner_normals = None
     if color is not None:
-        shade = _floats("color", color)
-        of_faces = len(shade) != len(points) if per_face is None else per_face
-        if shade.shape != (faces.shape if of_faces else points.shape):
+        rgb = _floats("color", color)
+        of_faces = len(rgb) != len(points) if per_face is None else per_face
+        if rgb.shape != (faces.shape if of_faces else points.shape):
             raise InvalidSplatsError(
-                f"color has shape {shade.shape}; it must be {points.shape}, or {faces.shape} for faces"
+                f"color has shape {rgb.shape}; it must be {points.shape}, or {faces.shape} for faces"
             )
-        corner_color = np.repeat(shade[:, None], 3, axis=1) if of_faces else shade[faces]
+        corner_color = np.repeat(rgb[:, None], 3, axis=1) if of_faces else rgb[faces]
     if normals is not None:
-        turned = _floats("normals", normals)
-        if turned.shape != points.shape:
-            raise InvalidSplatsError(f"normals have shape {turned.shape}; it must be {points.shape}")
-        corner_normals = turned[faces].sum(axis=1)
+        vertex_normals = _floats("normals", normals)
+        if vertex_normals.shape != points.shape:
+            raise InvalidSplatsError(f"normals have shape {vertex_normals.shape}; it must be {points.shape}")
+        corner_normals = vertex_normals[faces].sum(axis=1)
     return points[faces], corner_color, corner_normals
 
 
 def _floats(name: str, value: Any) -> NDArray[np.float64]:
-    try:
-        with np.errstate(invalid="ignore"):  # signalling NaN
-            return np.asarray(value, np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None
+    with np.errstate(invalid="ignore"):  # a file may hold a signaling NaN
+        return float_array(name, value).astype(np.float64, copy=False)
 
 
 def _reasons(corners: NDArray[Any], color: NDArray[Any] | None) -> NDArray[np.uint8]:
+    """Return (F,) uint8 indices in `REASONS` for (F, 3, 3) corners and colors."""
     parts = [corners] if color is None else [corners, color]
     valid = np.logical_and.reduce([(np.abs(part) <= MAX_MAGNITUDE).all(axis=(1, 2)) for part in parts])
     _, u, v = steiner_ellipses(np.where(valid[:, None, None], corners, 0.0))
@@ -212,8 +209,8 @@ def _reasons(corners: NDArray[Any], color: NDArray[Any] | None) -> NDArray[np.ui
     return np.select([~valid, flat], [1, 2], 0).astype(np.uint8)
 
 
-def _left_out(reason: NDArray[np.uint8], on_invalid: OnInvalid) -> list[str]:
-    """Say which triangles are dropped, an error under ``on_invalid="error"``, and which are skipped."""
+def _omissions(reason: NDArray[np.uint8], on_invalid: OnInvalid) -> list[str]:
+    """Return notes on dropped and skipped triangles; raise for dropped ones under ``on_invalid="error"``."""
     notes = []
     if (reason == 1).any():
         text = _describe(reason, 1)
@@ -225,13 +222,13 @@ def _left_out(reason: NDArray[np.uint8], on_invalid: OnInvalid) -> list[str]:
     return notes
 
 
-def _describe(reason: NDArray[np.uint8], which: int) -> str:
-    bad = np.flatnonzero(reason == which)
-    return f"{len(bad)} of {len(reason)} triangles with {REASONS[which]} (the first is face {bad[0]})"
+def _describe(reason: NDArray[np.uint8], problem: int) -> str:
+    bad = np.flatnonzero(reason == problem)
+    return f"{len(bad)} of {len(reason)} triangles with {REASONS[problem]} (the first is face {bad[0]})"
 
 
 def _flip_to(corners: NDArray[Any], color: NDArray[Any] | None, normals: NDArray[Any]) -> int:
-    """Swap two corners, in place, of triangles that wind against `normals`; return how many."""
+    """Swap two corners, in place, of each triangle whose winding opposes its normal; return their number."""
     winding = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     against = np.einsum("ni,ni->n", winding, normals) < 0
     for array in (corners,) if color is None else (corners, color):
@@ -242,19 +239,24 @@ def _flip_to(corners: NDArray[Any], color: NDArray[Any] | None, normals: NDArray
 def _halve_large(
     corners: NDArray[Any], color: NDArray[Any] | None, max_size: float
 ) -> tuple[NDArray[Any], NDArray[Any] | None, NDArray[np.intp]]:
-    """Halve triangles at their longest edge until no ellipse is longer than `max_size` of the diagonal.
+    """Halve triangles at their longest edges until no half axis is longer than `max_size` times the diagonal.
 
-    The third array says which triangle each is a part of.
+    Returns
+    -------
+    corners : (T, 3, 3) array
+    color : (T, 3, 3) array or None
+    source : (T,) int array
+        The input triangle that contains each triangle.
     """
-    spread = corners.reshape(-1, 3)
-    limit = max_size * float(np.linalg.norm(spread.max(axis=0) - spread.min(axis=0)))
+    vertices = corners.reshape(-1, 3)
+    limit = max_size * float(np.linalg.norm(vertices.max(axis=0) - vertices.min(axis=0)))
     source = np.arange(len(corners))
     while True:
         large = np.linalg.norm(steiner_ellipses(corners)[1], axis=1) > limit
         num = len(corners) + np.count_nonzero(large)
         if not large.any() or num > MAX_SPLATS:
             return corners, color, source
-        # Each large triangle is replaced in place by two: its longest edge's ends give way to the midpoint.
+        # Two copies replace each large triangle; in each, the midpoint replaces one end of the longest edge.
         edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
         start = edges.argmax(axis=1)
         parts = np.repeat(np.arange(len(corners)), 1 + large)

@@ -1,9 +1,9 @@
-"""Linear normal fields: how a splat's normal turns over its disc, from the normals around it ([BSK04]).
+"""Linear normal fields: the change of a splat's normal over its disc, fitted to the normals around it ([BSK04]).
 
-The normal at (u, v) of a disc is normalize(n + u n_du + v n_dv). A normal m seen over the disc therefore asks for
-the slope m / (m.n) - n, which is tangential: so are n_du and n_dv, and the field is n at the centre. On a
-paraboloid these slopes are linear in u and v and the fit is exact; on any smooth surface the error is of the third
-order in the disc's radius.
+The normal at (u, v) of a disc is normalize(n + u n_du + v n_dv). A normal m over the disc gives the slope
+m / (m.n) - n of the field there. Slopes are tangential, therefore n_du and n_dv are too, and the field is n at the
+center. On a paraboloid the slopes are linear in u and v, so the fit is exact. On any smooth surface the error is of
+third order in the disc's radius.
 """
 
 from __future__ import annotations
@@ -19,44 +19,44 @@ from numpy.typing import ArrayLike, NDArray
 from splatcl.errors import InvalidSplatsError
 from splatcl.prepare.points import REASONS, invalid_points
 from splatcl.prepare.voronoi import MIN_FLATNESS
-from splatcl.scene.splats import Splats
+from splatcl.scene.splats import Splats, describe_reasons
 from splatcl.util.progress import stage
 
 NUM_NEIGHBORS = 12
-"""Nearest neighbours that a field is estimated from: about two rings."""
+"""Default number of nearest neighbors for a field: about two rings."""
 MIN_COSINE = 0.5
-"""Normals that turn by more than 60 degrees are of another side, or across an edge."""
+"""Least cosine of a normal and the disc's normal, 60 degrees: beyond, it is of another side or across an edge."""
 MAX_HEIGHT = 0.5
-"""A point farther off a disc's plane than this share of its radius does not lie over it."""
+"""Largest distance of a point over a disc from the disc's plane, in units of its radius."""
 MIN_NORMALS = 3
-"""Fewer normals than this make no field."""
+"""Least number of normals for a field."""
 MIN_SPREAD = 1e-3
-"""Normals (nearly) along a line through the centre make no field: least 4 det / trace^2 of their (u, v) moments."""
+"""Least 4 det / trace^2 of the (u, v) moments: below it, the points lie (nearly) on a line through the center."""
 CHUNK = 32768
-"""Splats of which the neighbours are held at a time."""
+"""Splats per chunk of the neighbor search."""
 BALL_CHUNK = 1024
-"""Splats of which the points over them are held at a time."""
+"""Splats per chunk of the search for points over discs."""
 
 
 def normal_fields(splats: Splats, num_neighbors: int = NUM_NEIGHBORS) -> Splats:
-    """Estimate the normal field of each splat from its neighbours' normals.
+    """Estimate the normal field of each splat from its neighbors' normals.
 
-    A least squares fit over the nearest neighbours on the same side of the surface (normals within 60 degrees; their
-    signs are ignored where they mean nothing), in disc coordinates, with weights exp(-2 d^2 / D^2) that fall off with
-    the distance d; D is the farthest neighbour's.
+    The field is a least squares fit in disc coordinates. It takes the nearest neighbors whose normals are within
+    60 degrees; signs of normals are ignored unless ``splats.oriented``. A neighbor at distance d has the weight
+    exp(-2 d^2 / D^2), where D is the farthest neighbor's distance.
 
     Parameters
     ----------
     splats : Splats
-        A field that they have is replaced.
+        An existing normal field is replaced.
     num_neighbors : int
-        Nearest neighbours of a splat that are looked at, at least 3.
+        Number of nearest neighbors for a field, at least 3.
 
     Returns
     -------
     Splats
-        The same with `normal_du` and `normal_dv`, tangential, world space. Zero (the normal is constant) where
-        fewer than three neighbours are usable or all lie along a line.
+        The same splats with `normal_du` and `normal_dv`, tangential, world space. Both are zero, a constant normal,
+        if fewer than three neighbors are usable or all of them lie on a line.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def normal_fields(splats: Splats, num_neighbors: int = NUM_NEIGHBORS) -> Splats:
     from scipy.spatial import cKDTree
 
     if num_neighbors < MIN_NORMALS:
-        raise InvalidSplatsError(f"num_neighbors is {num_neighbors}; a field needs at least {MIN_NORMALS}")
+        raise InvalidSplatsError(f"num_neighbors is {num_neighbors}; it must be at least {MIN_NORMALS}")
     center, normal, num = _local(splats, splats.center), splats.normal, len(splats)
     count = min(num_neighbors, num - 1)
     if count < MIN_NORMALS:
@@ -93,52 +93,48 @@ def normal_fields(splats: Splats, num_neighbors: int = NUM_NEIGHBORS) -> Splats:
 
 
 def fit_normal_fields(splats: Splats, points: ArrayLike, normals: ArrayLike) -> Splats:
-    """Fit the normal field of each splat to the normals of a dense scan that lie over it.
+    """Fit the normal field of each splat to the normals of the points of a dense scan over it.
 
-    A point lies over a disc where it projects into it, no farther from its plane than half its radius, and its
-    normal is within 60 degrees of the disc's. The weights are the filter's, exp(-2 r^2).
+    A point is over a disc if it projects into the disc, its distance from the plane is at most half the disc's
+    radius, and its normal is within 60 degrees of the disc's. It has the reconstruction filter's weight exp(-2 r^2).
 
     Parameters
     ----------
     splats : Splats
-        A field that they have is replaced. Where their normals' signs mean nothing, those of `normals` are ignored.
+        An existing normal field is replaced. Unless ``splats.oriented``, signs of normals are ignored.
     points : (P, 3) float array
         World space, scene units.
     normals : (P, 3) float array
-        Of any length but zero.
+        World space, any length but zero.
 
     Returns
     -------
     Splats
-        The same with `normal_du` and `normal_dv`, tangential, world space. Zero where fewer than three points lie
-        over a splat, or all along a line through its centre.
+        The same splats with `normal_du` and `normal_dv`, tangential, world space. Both are zero if fewer than three
+        points are over the splat, or if they lie on a line through its center.
 
     Raises
     ------
     InvalidSplatsError
-        Wrong shapes, or points with a non-finite coordinate or an unusable normal.
+        An array has a wrong shape, or a point has a non-finite coordinate or an unusable normal.
     """
     from scipy.spatial import cKDTree
 
     reason = invalid_points(points, normals)
     if reason.any():
-        first = int(np.flatnonzero(reason)[0])
-        raise InvalidSplatsError(
-            f"{np.count_nonzero(reason)} of {len(reason)} points cannot be used; the first, point {first}, has "
-            f"{REASONS[reason[first]]}"
-        )
-    place, toward = _local(splats, np.asarray(points)), np.asarray(normals, np.float64).reshape(-1, 3)
-    toward = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+        raise InvalidSplatsError(f"{describe_reasons(reason, REASONS, 'point')} cannot be used; remove them")
+    local, unit = _local(splats, np.asarray(points)), np.asarray(normals, np.float64).reshape(-1, 3)
+    unit = unit / np.linalg.norm(unit, axis=1, keepdims=True)
     fields = np.zeros((2, len(splats), 3))
     with stage("Fitting normal fields", len(splats)) as advance:
-        for part, rows, chosen in _balls(splats, cKDTree(place)) if len(place) else ():
+        for part, rows, chosen in _balls(splats, cKDTree(local)) if len(local) else ():
             discs = splats.take(part)
-            offset = place[chosen] - _local(splats, discs.center)[rows]
+            offset = local[chosen] - _local(splats, discs.center)[rows]
             height = np.abs(np.einsum("pi,pi->p", offset, discs.normal[rows]))
             u, v = disc_coordinates(discs, rows, offset)
             squared = u * u + v * v
             weight = np.exp(-2 * squared) * (squared <= 1) * (height <= MAX_HEIGHT * discs.radius[rows])
-            fields[:, part] = _fit(discs, rows, (u, v), toward[chosen], weight)
+            fields[:, part] = _fit(discs, rows, (u, v), unit[chosen], weight)
             advance(len(discs))
     return _with_fields(splats, fields)
 
@@ -146,36 +142,40 @@ def fit_normal_fields(splats: Splats, points: ArrayLike, normals: ArrayLike) -> 
 def disc_coordinates(
     splats: Splats, rows: NDArray[np.integer[Any]], offset: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (P,) u and v of points at (P, 3) offsets from the centres of the splats `rows`, projected along n."""
+    """Project points along the normals into the discs `rows`; return (P,) u and v.
+
+    `offset` is (P, 3): the points relative to the discs' centers, world space.
+    """
     tangent_u, tangent_v = splats.tangent_u.astype(np.float64), splats.tangent_v.astype(np.float64)
-    across = np.cross(tangent_u, tangent_v)
-    across /= np.einsum("ni,ni->n", across, across)[:, None]
-    u = np.einsum("pi,pi->p", offset, np.cross(tangent_v, across)[rows])
-    v = np.einsum("pi,pi->p", offset, np.cross(across, tangent_u)[rows])
+    normal = np.cross(tangent_u, tangent_v)
+    normal /= np.einsum("ni,ni->n", normal, normal)[:, None]
+    u = np.einsum("pi,pi->p", offset, np.cross(tangent_v, normal)[rows])
+    v = np.einsum("pi,pi->p", offset, np.cross(normal, tangent_u)[rows])
     return u, v
 
 
 def fit_slopes(
     rows: NDArray[np.integer[Any]], coordinates: ArrayLike, slopes: NDArray[np.float64], weight: ArrayLike, num: int
 ) -> NDArray[np.float64]:
-    """Fit slopes = u du + v dv for each of `num` rows by weighted least squares.
+    """Fit slopes = u du + v dv to the samples of each row by weighted least squares.
 
     Parameters
     ----------
     rows : (P,) int array
-        The row that a sample belongs to.
+        The row of each sample.
     coordinates : (2, P) float64 array
-        Its u and v.
+        u and v of each sample.
     slopes : (P, S) float64 array
+        Values of each sample.
     weight : (P,) float64 array
-        0 leaves a sample out.
+        Weight of each sample; 0 excludes it.
     num : int
         Number of rows.
 
     Returns
     -------
     (2, num, S) float64 array
-        du and dv; zero for rows with fewer than `MIN_NORMALS` samples, or with all along a line.
+        du and dv; zero for a row with fewer than `MIN_NORMALS` samples, or with all samples on a line.
     """
     u, v = np.asarray(coordinates)
     weight = np.asarray(weight)
@@ -202,21 +202,21 @@ def _fit(
     normals: NDArray[np.float64],
     weight: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return (2, N, 3) fields from (P, 3) unit normals at (P,) u and v of the discs `rows`."""
-    own = discs.normal[rows]
-    cosine = np.einsum("pi,pi->p", normals, own)
+    """Return (2, N, 3) fields from (P, 3) unit normals at (P,) u and v of the discs `rows`, world space."""
+    center_normal = discs.normal[rows]
+    cosine = np.einsum("pi,pi->p", normals, center_normal)
     weight = weight * ((cosine if discs.oriented else np.abs(cosine)) >= MIN_COSINE)
-    # Divided by a negative cosine, a normal of the wrong sign is turned as well.
-    slopes = normals / np.where(weight > 0, cosine, 1.0)[:, None] - own
+    # A negative cosine also turns a normal of the wrong sign.
+    slopes = normals / np.where(weight > 0, cosine, 1.0)[:, None] - center_normal
     return fit_slopes(rows, coordinates, slopes, weight, len(discs))
 
 
 def _balls(splats: Splats, tree: Any) -> Iterator[tuple[Any, NDArray[np.intp], NDArray[np.intp]]]:
-    """Yield parts of the splats with pairs: the row of a splat in its part, and a point within its radius."""
+    """Yield a slice of the splats, and its pairs of a splat (row in the slice) and a point within its radius."""
     center, radius = _local(splats, splats.center), splats.radius
     for start in range(0, len(splats), BALL_CHUNK):
         part: Any = slice(start, min(start + BALL_CHUNK, len(splats)))
-        # A disc's points may be off its plane.
+        # Points over a disc may lie off its plane.
         found = tree.query_ball_point(center[part], radius[part] * np.hypot(1.0, MAX_HEIGHT), workers=-1)
         counts = np.fromiter(map(len, found), np.intp, len(found))
         chosen = np.fromiter(chain.from_iterable(found), np.intp, int(counts.sum()))
@@ -224,7 +224,7 @@ def _balls(splats: Splats, tree: Any) -> Iterator[tuple[Any, NDArray[np.intp], N
 
 
 def _local(splats: Splats, points: NDArray[Any]) -> NDArray[np.float64]:
-    """Return points relative to the first splat's centre: a survey's large coordinates cost no precision."""
+    """Return points relative to the first splat's center: a survey's large coordinates would cost precision."""
     origin = splats.center[0] if len(splats) else np.zeros(3)
     return points.astype(np.float64) - origin.astype(np.float64)
 

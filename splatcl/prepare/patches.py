@@ -1,4 +1,7 @@
-"""Patches of splats that a single larger one can stand for, and a choice of them that covers all (see decimate.py)."""
+"""Patches: sets of splats that one larger splat can replace; and a choice of patches that covers all splats.
+
+decimate.py turns the chosen patches into splats.
+"""
 
 from __future__ import annotations
 
@@ -15,67 +18,67 @@ from splatcl.prepare.voronoi import principal, tangent_frame
 from splatcl.util.progress import stage
 
 MAX_ASPECT = 4.0
-"""Largest ratio of the radii of the ellipse in which a patch grows."""
+"""Largest ratio of the radii of a patch's ellipse."""
 LEVELS = (32, 128, 512, 2048)
-"""Nearest splats that a patch may cover; more are looked at where the fewer did not stop it."""
+"""Numbers of nearest splats for the growth of a patch; the next number is tried if no splat stopped the growth."""
 ENOUGH = 16
-"""A splat in so many patches gets none of its own, so that the work does not grow with the patches' size."""
+"""Number of patches of a splat from which it seeds no patch, so that the work does not grow with the patches' size."""
 LOPSIDED = 0.2
-"""A patch does not reach so far beyond the surface's boundary that its mean is off by more than this share of it: by
-half its radius, about. The mean of half a disc is off by 0.42."""
+"""Largest distance of a patch's mean from its seed, in units of its radius: a patch beyond the surface's boundary
+exceeds it. The mean of half a disc is at 0.42; a patch may pass the boundary by about half its radius."""
 MIN_FILL = 0.5
-"""A patch does not reach so far over a gap that its discs' areas are less than this share of its own."""
+"""Least ratio of the areas of a patch's discs to its own area: a patch over a gap falls below it."""
 FEW = 8
-"""So many splats may be lopsided by chance."""
+"""Number of splats up to which a patch may be lopsided by chance."""
 BLOCK = 1024
-"""Patches that are grown at a time."""
+"""Patches grown at a time."""
 PAIRS = 1 << 18
-"""Pairs of splats that are looked at together: the temporaries are a few tens of MB."""
+"""Pairs of splats held at a time: their temporaries take a few tens of MB."""
 
 
 @dataclass(frozen=True)
-class Surface:
-    """Splats as float64 arrays near the origin, and the bounds of a patch."""
+class Samples:
+    """Splats as float64 arrays relative to their mean center, and the bounds of a patch."""
 
     center: NDArray[np.float64]  # (N, 3), scene units
-    normal: NDArray[np.float64]  # (N, 3)
-    area: NDArray[np.float64]  # (N,), |t_u x t_v|, square scene units
-    oriented: bool
-    tree: Any  # of the centres
-    error: float  # scene units
-    angle: float  # radians
+    normal: NDArray[np.float64]  # (N, 3) unit normals
+    area: NDArray[np.float64]  # (N,) |t_u x t_v|, square scene units
+    oriented: bool  # whether the signs of the normals count
+    tree: Any  # search tree of the centers
+    error: float  # largest distance from the patch's plane, scene units
+    angle: float  # largest angle to the seed's normal, radians
 
 
 @dataclass(frozen=True)
 class Patches:
-    """The patch i is about the splat seed[i] and has the splats ids[begin[i] : begin[i + 1]]."""
+    """P patches; patch i grew about the splat seed[i] and has the splats ids[begin[i] : begin[i + 1]]."""
 
-    seed: NDArray[np.intp]
-    begin: NDArray[np.intp]
-    ids: NDArray[np.intp]
+    seed: NDArray[np.intp]  # (P,)
+    begin: NDArray[np.intp]  # (P + 1,)
+    ids: NDArray[np.intp]  # (begin[P],)
 
     @classmethod
     def joined(
         cls, seeds: list[NDArray[np.intp]], sizes: list[NDArray[np.intp]], ids: list[NDArray[np.intp]]
     ) -> Patches:
-        """Make patches of lists of arrays: seeds, numbers of splats, splats."""
+        """Join lists of arrays: seeds, numbers of splats, splats."""
         return cls(np.concatenate(seeds), np.concatenate([[0], np.concatenate(sizes).cumsum()]), np.concatenate(ids))
 
     def __len__(self) -> int:
         return len(self.seed)
 
     def splats(self, i: int) -> NDArray[np.intp]:
-        """Return the splats of the patch i."""
+        """Return the splats of patch i."""
         return self.ids[self.begin[i] : self.begin[i + 1]]
 
     def take(self, chosen: NDArray[np.intp]) -> Patches:
-        """Return some of the patches."""
+        """Return the patches with the indices `chosen`."""
         return self.joined([self.seed[chosen]], [np.diff(self.begin)[chosen]], [self.splats(i) for i in chosen])
 
 
-def grow(surface: Surface) -> Patches:
-    """Grow patches about splats, in a random but fixed order, until each splat is in one or more."""
-    num = len(surface.center)
+def grow(samples: Samples) -> Patches:
+    """Grow patches about splats, in a random but fixed order, until each splat is in at least one patch."""
+    num = len(samples.center)
     times_covered = np.zeros(num, np.intp)
     order = np.random.default_rng(0).permutation(num)
     seeds, sizes, ids = [], [], []
@@ -86,11 +89,11 @@ def grow(surface: Surface) -> Patches:
                 left = []
                 for chunk in _chunks(pending, PAIRS // level):
                     chunk = chunk[times_covered[chunk] < ENOUGH]
-                    near, covered, stopped = _grow(surface, chunk, min(level, num))
+                    nearest, covered, stopped = _grow(samples, chunk, min(level, num))
                     done = stopped | (level == LEVELS[-1])
                     seeds.append(chunk[done])
                     sizes.append(covered[done].sum(axis=1))
-                    ids.append(near[done][covered[done]])
+                    ids.append(nearest[done][covered[done]])
                     times_covered += np.bincount(ids[-1], minlength=num)
                     left.append(chunk[~done])
                 pending = np.concatenate(left) if left else pending[:0]
@@ -104,105 +107,104 @@ def _chunks(values: NDArray[np.intp], size: int) -> Iterator[NDArray[np.intp]]:
 
 
 @dataclass(frozen=True)
-class _Around:
-    """The nearest splats of some seeds, (C, K) each: where they are in a seed's tangent frame, and what they are."""
+class _Nearest:
+    """The K nearest splats of C seeds in the seeds' tangent frames; (C, K) arrays, scene units."""
 
     x: NDArray[np.float64]
     y: NDArray[np.float64]
     height: NDArray[np.float64]
     area: NDArray[np.float64]
     forbidden: NDArray[np.bool_]  # stops the growth
-    elsewhere: NDArray[np.bool_]  # of another sheet of the surface: neither covered nor a stop
-    reach: NDArray[np.float64]  # (C,) distance within which there are no others
+    other_sheet: NDArray[np.bool_]  # of another sheet of the surface: not covered, does not stop the growth
+    reach: NDArray[np.float64]  # (C,) radius of the ball about the seed without further splats
 
 
 def _grow(
-    surface: Surface, seeds: NDArray[np.intp], num: int
+    samples: Samples, seeds: NDArray[np.intp], num: int
 ) -> tuple[NDArray[np.intp], NDArray[np.bool_], NDArray[np.bool_]]:
-    """Grow a patch about each seed over its `num` nearest splats: first in a circle, then in an ellipse.
+    """Grow a patch about each seed over its `num` nearest splats: once in a circle, once in an ellipse.
 
-    The ellipse is long where the surface is less curved; the better of the two counts.
+    The ellipse is long in the direction of the lower curvature. The shape with more splats is returned.
 
     Returns
     -------
     ids : (C, num) int array
         The nearest splats.
     covered : (C, num) bool array
-        Which of them are in the patch.
+        Whether each is in the patch.
     stopped : (C,) bool array
-        Whether a splat stopped the growth, or there are no more; not the end of the list.
+        Whether a splat stopped the growth, or `num` is all splats; False if the list of nearest splats ended it.
     """
-    ids, around, slopes = _look_around(surface, seeds, num)
-    circle, stopped = _extent(around, surface.error, np.zeros(len(seeds)), np.ones(len(seeds)))
+    ids, nearest, slopes = _nearest_splats(samples, seeds, num)
+    circle, stopped = _extent(nearest, samples.error, np.zeros(len(seeds)), np.ones(len(seeds)))
     rows = np.repeat(np.arange(len(seeds)), num)
-    xy = np.stack([around.x.ravel(), around.y.ravel()])
+    xy = np.stack([nearest.x.ravel(), nearest.y.ravel()])
     turn, aspect = _low_curvature(fit_slopes(rows, xy, slopes, circle.ravel(), len(seeds)))
-    ellipse, ellipse_stopped = _extent(around, surface.error, turn, aspect)
+    ellipse, ellipse_stopped = _extent(nearest, samples.error, turn, aspect)
     better = ellipse.sum(axis=1) > circle.sum(axis=1)
     return ids, np.where(better[:, None], ellipse, circle), stopped & ellipse_stopped
 
 
-def _look_around(
-    surface: Surface, seeds: NDArray[np.intp], num: int
-) -> tuple[NDArray[np.intp], _Around, NDArray[np.float64]]:
-    """Return the (C, num) nearest splats of the seeds, themselves first, and the (C num, 2) slopes of their normals."""
-    distance, ids = surface.tree.query(surface.center[seeds], np.arange(1, num + 1), workers=-1)
-    # Of splats at one place any may come first.
+def _nearest_splats(
+    samples: Samples, seeds: NDArray[np.intp], num: int
+) -> tuple[NDArray[np.intp], _Nearest, NDArray[np.float64]]:
+    """Return the (C, num) nearest splats of the seeds, each seed first, and (C num, 2) slopes of their normals."""
+    distance, ids = samples.tree.query(samples.center[seeds], np.arange(1, num + 1), workers=-1)
+    # The search returns coincident splats in any order.
     ids = np.where(ids == seeds[:, None], ids[:, :1], ids)
     ids[:, 0] = seeds
-    frame = np.stack([*tangent_frame(surface.normal[seeds]), surface.normal[seeds]])
-    x, y, height = np.einsum("cki,fci->fck", surface.center[ids] - surface.center[seeds][:, None], frame)
-    along_x, along_y, cosine = np.einsum("cki,fci->fck", surface.normal[ids], frame)
-    same_side = cosine > 0 if surface.oriented else cosine != 0
-    least = np.cos(surface.angle)
-    forbidden = (cosine if surface.oriented else np.abs(cosine)) < least
-    # A sheet whose normals are within the angle cannot rise faster than this.
-    elsewhere = ~same_side | (np.abs(height) > np.maximum(2 * surface.error, np.tan(surface.angle) * np.hypot(x, y)))
-    whole = num == len(surface.center)
-    reach = np.where(whole, np.inf, distance[:, -1])
+    frame = np.stack([*tangent_frame(samples.normal[seeds]), samples.normal[seeds]])
+    x, y, height = np.einsum("cki,fci->fck", samples.center[ids] - samples.center[seeds][:, None], frame)
+    along_x, along_y, cosine = np.einsum("cki,fci->fck", samples.normal[ids], frame)
+    same_side = cosine > 0 if samples.oriented else cosine != 0
+    forbidden = (cosine if samples.oriented else np.abs(cosine)) < np.cos(samples.angle)
+    # A sheet with normals within the angle cannot rise faster than this.
+    steepest = np.maximum(2 * samples.error, np.tan(samples.angle) * np.hypot(x, y))
+    other_sheet = ~same_side | (np.abs(height) > steepest)
+    reach = np.where(num == len(samples.center), np.inf, distance[:, -1])
     slopes = np.stack([along_x, along_y], axis=-1) / np.where(forbidden, 1.0, cosine)[..., None]
-    area = surface.area[ids] * ~elsewhere
-    return ids, _Around(x, y, height, area, forbidden & ~elsewhere, elsewhere, reach), slopes.reshape(-1, 2)
+    area = samples.area[ids] * ~other_sheet
+    return ids, _Nearest(x, y, height, area, forbidden & ~other_sheet, other_sheet, reach), slopes.reshape(-1, 2)
 
 
 def _extent(
-    around: _Around, error: float, turn: NDArray[np.float64], aspect: NDArray[np.float64]
+    nearest: _Nearest, error: float, turn: NDArray[np.float64], aspect: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Grow ellipses of an aspect whose longer axis is turned by `turn` from x, until a splat stops them.
+    """Grow ellipses of the given aspects until a splat stops them; `turn` is the longer axis's angle from x, radians.
 
     Returns
     -------
     covered : (C, K) bool array
     stopped : (C,) bool array
-        False where splats beyond those around might have been covered.
+        False if a splat beyond the K nearest ones might be covered too.
     """
     cos, sin = np.cos(turn)[:, None], np.sin(turn)[:, None]
-    long, short = (cos * around.x + sin * around.y) / aspect[:, None], cos * around.y - sin * around.x
-    size = np.sqrt(long**2 + (around.height / aspect[:, None]) ** 2 + short**2)
+    long, short = (cos * nearest.x + sin * nearest.y) / aspect[:, None], cos * nearest.y - sin * nearest.x
+    size = np.sqrt(long**2 + (nearest.height / aspect[:, None]) ** 2 + short**2)
     order = np.argsort(size, axis=1, kind="stable")
 
     def sort(values: NDArray[Any]) -> NDArray[Any]:
         return np.take_along_axis(values, order, axis=1)
 
-    height = sort(np.where(around.elsewhere, 0.0, around.height))
-    span = np.maximum.accumulate(height, axis=1) - np.minimum.accumulate(height, axis=1)
+    height = sort(np.where(nearest.other_sheet, 0.0, nearest.height))
+    height_range = np.maximum.accumulate(height, axis=1) - np.minimum.accumulate(height, axis=1)
     total, moment_long, moment_short = (
-        np.cumsum(sort(around.area * values), axis=1) for values in (np.ones_like(long), long, short)
+        np.cumsum(sort(nearest.area * values), axis=1) for values in (np.ones_like(long), long, short)
     )
     size = sort(size)
     lopsided = np.hypot(moment_long, moment_short) > LOPSIDED * total * size
     lopsided[:, :FEW] = False
     sparse = total < MIN_FILL * aspect[:, None] * size**2
-    stops = sort(around.forbidden) | (span > 2 * error) | lopsided | sparse
-    known = size <= (around.reach / aspect)[:, None]
+    stops = sort(nearest.forbidden) | (height_range > 2 * error) | lopsided | sparse
+    known = size <= (nearest.reach / aspect)[:, None]
     grown = known & ~np.logical_or.accumulate(stops, axis=1)
     covered = np.empty_like(grown)
     np.put_along_axis(covered, order, grown, axis=1)
-    return covered & ~around.elsewhere, (stops & known).any(axis=1) | np.isinf(around.reach)
+    return covered & ~nearest.other_sheet, (stops & known).any(axis=1) | np.isinf(nearest.reach)
 
 
 def _low_curvature(slopes: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return (C,) directions (from x, radians) of the lower curvature and aspects, from (2, C, 2) slopes by x and y."""
+    """Return (C,) angles of the lower curvature from x, radians, and (C,) aspects, from (2, C, 2) slopes by x and y."""
     xy = 0.5 * (slopes[0, :, 1] + slopes[1, :, 0])
     mean, spread, turn = principal(slopes[0, :, 0], xy, slopes[1, :, 1])
     turn += 0.5 * np.pi * (mean > 0)
@@ -211,31 +213,32 @@ def _low_curvature(slopes: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
 
 
 def cover(patches: Patches, num: int) -> NDArray[np.intp]:
-    """Return patches that together have all of `num` splats: ever the one with the most that none has yet.
+    """Choose patches that together cover all of `num` splats, by a greedy set cover; return their indices.
 
-    In the end those are left out whose splats others have too.
+    Each step chooses the patch with the most uncovered splats. Finally, patches whose splats all lie in other chosen
+    patches are dropped.
     """
-    times = np.zeros(num, np.intp)
+    times_covered = np.zeros(num, np.intp)
     sizes = np.diff(patches.begin)
-    queue = [(-int(size), i) for i, size in enumerate(sizes)]
+    queue = [(-int(size), i) for i, size in enumerate(sizes)]  # a heap pops its least entry
     heapq.heapify(queue)
     chosen = []
     with stage("Choosing splats", num) as advance:
         while queue:
-            gain, i = queue[0]
-            left = -int(np.count_nonzero(times[patches.splats(i)] == 0))
-            if left > gain and left:
-                heapq.heapreplace(queue, (left, i))
+            stored, i = queue[0]
+            current = -int(np.count_nonzero(times_covered[patches.splats(i)] == 0))
+            if current > stored and current:
+                heapq.heapreplace(queue, (current, i))
                 continue
             heapq.heappop(queue)
-            if left:
+            if current:
                 chosen.append(i)
-                times[patches.splats(i)] += 1
-                advance(-left)
+                times_covered[patches.splats(i)] += 1
+                advance(-current)
     kept = []
     for i in reversed(chosen):
-        if (times[patches.splats(i)] > 1).all():
-            times[patches.splats(i)] -= 1
+        if (times_covered[patches.splats(i)] > 1).all():
+            times_covered[patches.splats(i)] -= 1
         else:
             kept.append(i)
     return np.array(kept[::-1], np.intp)

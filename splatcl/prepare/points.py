@@ -1,7 +1,7 @@
-"""Estimate splats for points: normals from the nearest neighbours, tangent axes from the Voronoi cell.
+"""Estimate splats for points: normals from the nearest neighbors, tangent axes from the Voronoi cell.
 
-A disc must cover its point's Voronoi cell in the tangent plane, or the surface has holes. Each disc is
-therefore (nearly) the least ellipse about its point that contains the cell.
+Discs leave no holes if each covers its point's Voronoi cell in the tangent plane. Each disc is therefore (nearly)
+the least ellipse about its point that contains the cell.
 """
 
 from __future__ import annotations
@@ -16,28 +16,29 @@ from numpy.typing import ArrayLike, NDArray
 
 from splatcl.errors import InvalidSplatsError
 from splatcl.prepare.voronoi import covering_ellipse, tangent_frame
-from splatcl.scene.splats import MAX_MAGNITUDE, OnInvalid, Splats
+from splatcl.scene.splats import MAX_MAGNITUDE, OnInvalid, Splats, describe_reasons, float_array
 
 NUM_NEIGHBORS = 20
+"""Default number of nearest neighbors for an estimate."""
 SPACING_NEIGHBOR = 6
-"""A point's spacing is its distance to this neighbour: about the ring of direct neighbours on a surface."""
+"""Rank of a neighbor; its distance is the point's spacing. A point on a surface has about six direct neighbors."""
 REACH = 1.75
-"""A Voronoi vertex farther than this many spacings lies beyond the surface's boundary, not in a gap of it."""
+"""Limit of a Voronoi vertex's distance, in spacings: a farther vertex lies beyond the surface's boundary."""
 MARGIN = 1.05
-"""Discs are this much larger than their cells: they are tilted against each other on a curved surface."""
+"""Ratio of a disc's size to its cell's size: discs are tilted against each other on a curved surface."""
 LONE_RADIUS = 1.0
-"""Radius of a point that has no other point to measure a spacing from, scene units."""
+"""Radius of a point without another point at a distance, scene units."""
 CHUNK = 2048
-"""Points per chunk: the temporaries, a few MB for each thread, are to stay in its cache."""
+"""Points per chunk: the temporaries, a few MB for each thread, fit into its cache."""
 MIN_GAP = 1e-3
-"""Where the two least eigenvalues of a matrix differ by less than about this share of its size, LAPACK is asked."""
+"""Least gap of a matrix's two least eigenvalues, about, relative to its size; LAPACK solves a matrix below it."""
 
 REASONS = (
     "",
     "a non-finite coordinate",
     "a coordinate beyond 1e15",
     "a zero or non-finite normal",
-    "a non-finite colour",
+    "a non-finite color",
     "a radius that is not positive",
 )
 
@@ -52,47 +53,47 @@ def splats_from_points(
     on_invalid: OnInvalid = "error",
     notes: Iterable[str] = (),
 ) -> Splats:
-    """Make splats that cover the surface which the points sample.
+    """Make splats that cover the surface of a point cloud.
 
     Parameters
     ----------
     points : (N, 3) float array
         World space, scene units; float32 and float64 are kept.
     normals : (N, 3) float array, optional
-        Any length but zero. Estimated where omitted (their signs then mean nothing: ``oriented=False``).
+        World space, any length but zero. Estimated if omitted, with arbitrary signs (``oriented=False``).
     color : (N, 3) float array, optional
         Linear RGB.
     radius : (N,) or scalar float array, optional
-        Makes circular discs of these radii, scene units. Estimated where omitted.
+        Radii of circular discs, scene units. Ellipses are estimated if omitted.
     num_neighbors : int
-        Nearest neighbours that an estimate is made from, at least 3.
+        Number of nearest neighbors for an estimate, at least 3.
     on_invalid : {"error", "drop"}
-        What to do with unusable points.
+        Treatment of unusable points.
     notes : iterable of str
-        Sentences to put before the ones about the estimates.
+        Sentences that precede the notes on the estimates.
 
     Returns
     -------
     Splats
-        One for each usable point, in order.
+        One splat for each usable point, in order.
 
     Raises
     ------
     InvalidSplatsError
-        Wrong shapes, no points, or unusable points under ``on_invalid="error"``.
+        An array has a wrong shape, there are no points, or points are unusable under ``on_invalid="error"``.
     """
     arrays = _arrays(points, normals, color, radius)
     reason = _reasons(arrays)
     all_notes = list(notes)
     num_dropped = int(np.count_nonzero(reason))
     if num_dropped:
-        text = _describe(reason)
+        text = describe_reasons(reason, REASONS, "point")
         if on_invalid == "error":
             raise InvalidSplatsError(f"{text}; drop them with on_invalid='drop'")
         arrays = {name: array[reason == 0] for name, array in arrays.items()}
         all_notes.append(f"dropped {text}")
     if not len(arrays["points"]):
-        raise InvalidSplatsError("no usable point is left" if num_dropped else "there are no points")
+        raise InvalidSplatsError(f"none of {len(reason)} points is usable; give at least one with finite coordinates")
     tangents, note = _tangents(arrays, max(3, num_neighbors))
     dtype = arrays["points"].dtype
     return Splats(
@@ -113,14 +114,14 @@ def invalid_points(
     color: ArrayLike | None = None,
     radius: ArrayLike | None = None,
 ) -> NDArray[np.uint8]:
-    """Return (N,) uint8: 0 for a usable point, else the index in `REASONS` of what is wrong with it."""
+    """Return (N,) uint8 indices in `REASONS`: 0 for a usable point, else the index of its problem."""
     return _reasons(_arrays(points, normals, color, radius))
 
 
 def estimate_spacing(points: ArrayLike, max_samples: int = 50_000) -> float:
-    """Return the median distance of a point to its nearest other place, scene units; 0 for one place.
+    """Return the median distance from a point to its nearest distinct neighbor, scene units; 0 without one.
 
-    Of more than `max_samples` points, evenly chosen ones are measured, against all.
+    At most `max_samples` points, evenly chosen, are measured against all points.
     """
     from scipy.spatial import KDTree
 
@@ -134,44 +135,44 @@ def estimate_spacing(points: ArrayLike, max_samples: int = 50_000) -> float:
 
 
 def _tangents(arrays: dict[str, NDArray[Any]], num_neighbors: int) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Return (2, N, 3) tangent axes and a sentence on what of them was estimated."""
+    """Return (2, N, 3) tangent axes, world space, and notes on the estimates."""
     points, normals, radius = arrays["points"], arrays.get("normals"), arrays.get("radius")
     if normals is not None:
         normals = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     if normals is not None and radius is not None:
         return np.stack(tangent_frame(normals)) * radius[:, None], ()
-    # Near the origin, so that a survey's large coordinates cost no precision.
+    # A survey's large coordinates would cost precision.
     local = points.astype(np.float64) - points.mean(axis=0, dtype=np.float64)
     tangents, used = _estimate(local, normals, num_neighbors)
-    what = [] if normals is not None else [f"normals (PCA, {used} neighbours)"]
+    estimated = [] if normals is not None else [f"normals (PCA, {used} neighbors)"]
     if radius is not None:
         with np.errstate(invalid="ignore"):
             tangents *= (radius / np.linalg.norm(tangents, axis=2))[..., None]
     else:
         median = np.median(np.linalg.norm(tangents, axis=2).max(axis=0))
-        what.append(f"radii (median {median:.3g})")
-    return tangents, (f"estimated {' and '.join(what)} for {len(points)} points",)
+        estimated.append(f"radii (median {median:.3g})")
+    return tangents, (f"estimated {' and '.join(estimated)} for {len(points)} points",)
 
 
 def _estimate(
     points: NDArray[np.float64], normals: NDArray[np.float64] | None, num_neighbors: int
 ) -> tuple[NDArray[np.float64], int]:
-    """Return (2, N, 3) tangent axes and how many neighbours they were estimated from."""
-    places, (tree, spacing, nearest) = points, _tree(points)
-    order = tree.indices  # neighbouring points follow each other, which makes searches twice as fast
+    """Return (2, N, 3) tangent axes and the number of neighbors of each estimate."""
+    distinct, (tree, spacing, nearest) = points, _tree(points)
+    order = tree.indices  # in this order neighboring points follow each other, which makes searches twice as fast
     if len(points) > 1 and not nearest.min() > 0:
-        places = np.unique(points, axis=0)  # points at one place are no neighbours of each other
-        tree, spacing, _ = _tree(places)
-    num_neighbors = min(num_neighbors, len(places) - 1)
+        distinct = np.unique(points, axis=0)  # coincident points are no neighbors of each other
+        tree, spacing, _ = _tree(distinct)
+    num_neighbors = min(num_neighbors, len(distinct) - 1)
     tangents = np.empty((2, len(points), 3))
 
-    planes = np.ascontiguousarray(places.T)
+    coordinates = np.ascontiguousarray(distinct.T)
 
     def estimate(start: int) -> None:
         chunk = order[start : start + CHUNK]
-        here = points[chunk]
-        ids = np.ascontiguousarray(tree.query(here, num_neighbors + 1)[1].T)
-        offsets = planes[:, ids[1:]] - here.T[:, None]
+        centers = points[chunk]
+        ids = np.ascontiguousarray(tree.query(centers, num_neighbors + 1)[1].T)
+        offsets = coordinates[:, ids[1:]] - centers.T[:, None]
         frame = np.stack(tangent_frame(_pca_normals(offsets) if normals is None else normals[chunk]))
         reach = REACH * np.median(spacing[ids], axis=0)
         ellipse = covering_ellipse(offsets, np.ascontiguousarray(frame.transpose(0, 2, 1)), reach) * MARGIN
@@ -188,29 +189,29 @@ def _estimate(
 
 
 def _pca_normals(offsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (N, 3) unit normals of the planes through (3, K, N) neighbours, given relative to their points.
+    """Fit a plane to each point and its (3, K, N) neighbors, relative to the point; return (N, 3) unit normals.
 
-    The sign is fixed: the largest component is positive.
+    The largest component of a normal is positive.
     """
     total = offsets.shape[1] + 1
     mean = offsets.sum(axis=1) / total
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-    spread = np.stack([(offsets[i] * offsets[j]).sum(axis=0) / total - mean[i] * mean[j] for i, j in pairs])
-    normals = least_eigenvectors(spread)
+    covariance = np.stack([(offsets[i] * offsets[j]).sum(axis=0) / total - mean[i] * mean[j] for i, j in pairs])
+    normals = least_eigenvectors(covariance)
     rows = np.arange(len(normals))
     return normals * np.sign(normals[rows, np.abs(normals).argmax(axis=1)])[:, None]
 
 
 def least_eigenvectors(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (N, 3) unit eigenvectors of the least eigenvalues of symmetric matrices.
+    """Return (N, 3) unit eigenvectors of the least eigenvalues of symmetric 3x3 matrices.
 
     Parameters
     ----------
     matrices : (6, N) float64 array
-        Their elements xx, xy, xz, yy, yz, zz.
+        Elements xx, xy, xz, yy, yz, zz.
     """
     xx, xy, xz, yy, yz, zz = matrices
-    # The least root of the characteristic polynomial, for the matrix less its mean, of size 1 (Smith 1961).
+    # The least root of the characteristic polynomial (Smith 1961) of (M - mean I) / size.
     mean = (xx + yy + zz) / 3
     squares = (xx - mean) ** 2 + (yy - mean) ** 2 + (zz - mean) ** 2 + 2 * (xy * xy + xz * xz + yz * yz)
     size = np.sqrt(squares / 6)
@@ -219,18 +220,19 @@ def least_eigenvectors(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     d, e, f = xy * scale, xz * scale, yz * scale
     determinant = a * (b * c - f * f) - d * (d * c - e * f) + e * (d * f - b * e)
     least = 2 * np.cos(np.arccos(np.clip(determinant / 2, -1.0, 1.0)) / 3 + 2 * np.pi / 3)
-    # The other two eigenvectors span the rows of what is left without it: the longest cross product is across both.
+    # The other two eigenvectors span the rows of the matrix less its least root, so a cross product of two rows is
+    # along the first. The longest product has the least rounding error.
     rows = np.array([[a - least, d, e], [d, b - least, f], [e, f, c - least]])
-    across = np.array([_cross(rows[i], rows[j]) for i, j in ((0, 1), (1, 2), (2, 0))])
-    lengths = np.sqrt((across**2).sum(axis=1))
+    products = np.array([_cross(rows[i], rows[j]) for i, j in ((0, 1), (1, 2), (2, 0))])
+    lengths = np.sqrt((products**2).sum(axis=1))
     longest = lengths.argmax(axis=0)
     n = np.arange(len(mean))
     length = lengths[longest, n]
-    unsure = ~(length > MIN_GAP)
-    vectors: NDArray[np.float64] = across[longest, :, n] / np.where(unsure, 1.0, length)[:, None]
-    if unsure.any():
-        full = matrices[:, unsure][[0, 1, 2, 1, 3, 4, 2, 4, 5]].T.reshape(-1, 3, 3)
-        vectors[unsure] = np.linalg.eigh(full)[1][:, :, 0]
+    degenerate = ~(length > MIN_GAP)
+    vectors: NDArray[np.float64] = products[longest, :, n] / np.where(degenerate, 1.0, length)[:, None]
+    if degenerate.any():
+        full = matrices[:, degenerate][[0, 1, 2, 1, 3, 4, 2, 4, 5]].T.reshape(-1, 3, 3)
+        vectors[degenerate] = np.linalg.eigh(full)[1][:, :, 0]
     return vectors
 
 
@@ -239,7 +241,7 @@ def _cross(a: Any, b: Any) -> list[Any]:
 
 
 def _tree(points: NDArray[np.float64]) -> tuple[Any, NDArray[np.float64], NDArray[np.float64]]:
-    """Return a search tree and (N,) distances to the `SPACING_NEIGHBOR`th and to the nearest neighbour."""
+    """Return a search tree, (N,) distances to the `SPACING_NEIGHBOR`th neighbor and (N,) to the nearest one."""
     from scipy.spatial import KDTree
 
     tree: Any = KDTree(points)
@@ -251,18 +253,15 @@ def _tree(points: NDArray[np.float64]) -> tuple[Any, NDArray[np.float64], NDArra
 
 
 def _arrays(points: ArrayLike, normals: Any, color: Any, radius: Any) -> dict[str, NDArray[Any]]:
-    """Return the given arrays as floats, checked for shape; `points` keeps float32 or float64."""
+    """Convert the given arrays to floats and check their shapes; all but `normals` keep float32 and float64."""
     given = {"points": points, "normals": normals, "color": color, "radius": radius}
     arrays: dict[str, NDArray[Any]] = {}
     for name, value in given.items():
         if value is None:
             continue
-        try:
-            array = np.asarray(value)
-            kept = name != "normals" and array.dtype in (np.float32, np.float64)
-            array = array if kept else array.astype(np.float64)
-        except (TypeError, ValueError) as error:
-            raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None
+        array = float_array(name, value)
+        if name == "normals":
+            array = array.astype(np.float64)
         num = len(arrays["points"]) if arrays else len(array) if array.ndim else 0
         if name == "radius" and array.ndim == 0:
             array = np.full(num, array)
@@ -274,6 +273,7 @@ def _arrays(points: ArrayLike, normals: Any, color: Any, radius: Any) -> dict[st
 
 
 def _reasons(arrays: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
+    """Return (N,) uint8 indices in `REASONS`; of several problems, the first in the list counts."""
     points = arrays["points"]
     reason = np.zeros(len(points), np.uint8)
     with np.errstate(invalid="ignore", over="ignore"):
@@ -287,9 +287,3 @@ def _reasons(arrays: dict[str, NDArray[Any]]) -> NDArray[np.uint8]:
         reason[(np.abs(points) > MAX_MAGNITUDE).any(axis=1)] = 2
         reason[~np.isfinite(points).all(axis=1)] = 1
     return reason
-
-
-def _describe(reason: NDArray[np.uint8]) -> str:
-    parts = [f"{count} with {REASONS[r]}" for r, count in enumerate(np.bincount(reason)) if r and count]
-    first = int(np.flatnonzero(reason)[0])
-    return f"{np.count_nonzero(reason)} of {len(reason)} points ({', '.join(parts)}; the first is point {first})"

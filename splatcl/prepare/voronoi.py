@@ -1,4 +1,7 @@
-"""Voronoi cells in tangent planes and the ellipses that cover them, for many points at once."""
+"""Voronoi cells in tangent planes, and the ellipses that cover them, for many points at once.
+
+The points are along the last axis of arrays in this module: NumPy is several times faster so.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 NUM_DIRECTIONS = 16
-"""Directions in which a cell's boundary is sought; the result covers the cell for any number of them."""
+"""Number of directions for the search of a cell's boundary; the ellipse covers the cell for any number."""
 MAX_ASPECT = 4.0
 """Largest ratio of an estimated disc's principal radii."""
 NUM_ITERATIONS = 6
-"""Steps toward the least ellipse; any number covers the cell, more are slightly tighter."""
+"""Number of steps toward the least ellipse; the ellipse covers the cell after any number."""
 MIN_DISTANCE = 1e-6
-"""Neighbours nearer than this share of `reach` are at the point's own place."""
+"""Least distance of a neighbor, in units of `reach`: a nearer one coincides with the point."""
 MAX_DISTANCE = 100.0
-"""Neighbours farther than this many times `reach` have no part in the cell."""
+"""Largest distance of a neighbor, in units of `reach`: a farther one has no edge of the cell."""
 SURROUNDED = -2.0
-"""Cotangent of the widest angle between two neighbours that the surface is sure to fill: 153 degrees."""
+"""Cotangent of 153 degrees, the widest angle between two neighbors with surface between them."""
 PARALLEL = 1e-5
-"""Sine of the angle between two edges of a cell below which rounding alone decides whether and where they meet."""
+"""Least sine of the angle between two edges that meet: below it, rounding decides where they meet."""
 MIN_FLATNESS = 0.7
-"""A neighbour is of another sheet of the surface where less than this share of its distance is in-plane."""
+"""Least in-plane share of a neighbor's distance: below it, the neighbor is of another sheet of the surface."""
 
 
 def tangent_frame(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return two (N, 3) unit vectors with u x v = n for (N, 3) unit normals (Duff et al. 2017)."""
+    """Return (N, 3) unit vectors u and v with u x v = n for (N, 3) unit normals n (Duff et al. 2017)."""
     x, y, z = normals.T
     sign = np.copysign(1.0, z)
     a = -1.0 / (sign + z)
@@ -39,7 +42,7 @@ def tangent_frame(normals: NDArray[np.float64]) -> tuple[NDArray[np.float64], ND
 def principal(xx: Any, xy: Any, yy: Any) -> tuple[Any, Any, Any]:
     """Return the mean, the spread and the turn of symmetric 2x2 matrices.
 
-    The eigenvalues are mean +- spread, the greater one's direction is turned by `turn` from x, radians.
+    The eigenvalues are mean +- spread. The eigenvector of the greater one is at the angle `turn` from x, radians.
     """
     return 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy), 0.5 * np.arctan2(2 * xy, xx - yy)
 
@@ -47,28 +50,26 @@ def principal(xx: Any, xy: Any, yy: Any) -> tuple[Any, Any, Any]:
 def covering_ellipse(
     offsets: NDArray[np.float64], frame: NDArray[np.float64], reach: NDArray[np.floating[Any]]
 ) -> NDArray[np.float64]:
-    """Return ellipses about the points that cover their Voronoi cells in their tangent planes.
-
-    The points are along the last axis, here and in what follows: NumPy is several times faster so.
+    """Return ellipses about points that cover the points' Voronoi cells in the tangent planes.
 
     Parameters
     ----------
     offsets : (3, K, N) float64 array
-        Neighbours relative to their points, the nearest first, scene units, none zero.
+        Neighbors relative to their points, the nearest first, scene units, none zero.
     frame : (2, 3, N) float64 array
         Orthonormal tangents.
     reach : (N,) float array
-        Cell vertices farther than this are taken to be outside the surface, scene units.
+        Largest distance of a cell vertex on the surface, scene units; a farther one is beyond the boundary.
 
     Returns
     -------
     (2, 2, N) float64 array
-        Two principal half axes (the longer first) in the frame's coordinates, scene units. They turn the same
-        way as the frame.
+        Two principal half axes (the longer first) in the frame's coordinates, scene units, with the orientation of
+        the frame.
     """
     duals, nearest = _duals(offsets, frame, reach)
     corners = _cell_corners(*duals)
-    # No corner within reach (a lone point, or points along a line): half the way to the nearest neighbour.
+    # A lone point, or one of points on a line, has no corner within reach: it gets half its nearest distance.
     lonely = ~corners.any(axis=(0, 1))
     corners[:, :, lonely] = 1.0
     axes = _least_ellipse(*corners) * reach
@@ -79,22 +80,22 @@ def covering_ellipse(
 def _duals(
     offsets: NDArray[np.float64], frame: NDArray[np.float64], reach: NDArray[np.floating[Any]]
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return (2, K, N) duals w of the cells' edges and the (N,) distances of the nearest neighbours.
+    """Return (2, K, N) duals w of the cells' edges, and (N,) distances of the nearest neighbors.
 
-    The cell is where w.x <= 1 for every neighbour, x in units of `reach`: with q the neighbour's place in
-    the plane at its true distance, w = 2 q / |q|^2. Neighbours off the plane have w = 0, no edge.
+    The cell is the set of x with w.x <= 1 for every neighbor, x in units of `reach`. With q the neighbor turned into
+    the plane at its true distance, w = 2 q / |q|^2. A neighbor off the plane has w = 0: no edge.
     """
     distance = np.sqrt(_dot(offsets, offsets))
     flat = np.stack([_dot(offsets, axis) for axis in frame])
     length = np.sqrt(_dot(flat, flat))
-    share = distance / np.maximum(reach, 1e-300)
-    in_plane = (length > MIN_FLATNESS * distance) & (share > MIN_DISTANCE) & (share < MAX_DISTANCE)
+    relative = distance / np.maximum(reach, 1e-300)
+    in_plane = (length > MIN_FLATNESS * distance) & (relative > MIN_DISTANCE) & (relative < MAX_DISTANCE)
     scale = np.where(in_plane, 2 * reach / np.where(in_plane, length * distance, 1.0), 0.0)
     return (flat * scale).astype(np.float32), distance[0]
 
 
 def _dot(a: Any, b: Any) -> Any:
-    """Return the product of vectors along the first axis."""
+    """Return the dot products of vectors along the first axis."""
     total = a[0] * b[0]
     for x, y in zip(a[1:], b[1:], strict=True):
         total += x * y
@@ -104,10 +105,10 @@ def _dot(a: Any, b: Any) -> Any:
 def _cell_corners(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return (2, 2 D, N) points whose convex hull covers each cell within the unit disc, from (K, N) duals.
 
-    The cell is the polar dual of the hull of the duals. Two hull vertices a, b that follow each other meet
-    in the corner c with a.c = b.c = 1; where the directions skip a hull vertex, c is only farther out.
-    A corner beyond reach is drawn in to it where the neighbours surround the point; at the surface's
-    boundary the feet a / |a|^2 of its two edges stand in for it. Unused rows are zero.
+    The cell is the polar dual of the hull of the duals. Two consecutive hull vertices a, b give the corner c with
+    a.c = b.c = 1. If the D directions skip a hull vertex, c lies farther out, so the hull still covers the cell.
+    A corner beyond reach is moved to distance 1 if neighbors surround the point. At the surface's boundary it is
+    replaced by the feet a / |a|^2 and b / |b|^2 of its two edges. Unused rows are zero.
     """
     support = _support(x, y)
     ax, ay = np.take_along_axis(x, support, axis=0), np.take_along_axis(y, support, axis=0)
@@ -115,29 +116,29 @@ def _cell_corners(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.
     length = np.sqrt(ax * ax + ay * ay)
     cross = ax * by - ay * bx
     rise_x, rise_y = by - ay, ax - bx
-    far = np.sqrt(rise_x * rise_x + rise_y * rise_y)
+    rise = np.sqrt(rise_x * rise_x + rise_y * rise_y)
     corner_exists = support != np.roll(support, -1, axis=0)
     surrounded = ax * bx + ay * by > SURROUNDED * cross
     meet = cross > PARALLEL * length * np.roll(length, -1, axis=0)
-    closed = corner_exists & meet & ((far <= cross) | surrounded)
+    closed = corner_exists & meet & ((rise <= cross) | surrounded)
     opened = corner_exists & ~closed
-    to_corner = 1 / np.where(closed, np.maximum(cross, far), 1.0)
+    to_corner = 1 / np.where(closed, np.maximum(cross, rise), 1.0)
     to_foot = (length >= 1.0) / np.maximum(length, 1.0) ** 2
     foot_x, foot_y = ax * to_foot, ay * to_foot
     # An open corner has the feet of a and of b.
-    first = [np.where(closed, rise * to_corner, foot * opened) for rise, foot in ((rise_x, foot_x), (rise_y, foot_y))]
+    first = [np.where(closed, r * to_corner, foot * opened) for r, foot in ((rise_x, foot_x), (rise_y, foot_y))]
     second = [np.roll(foot, -1, axis=0) * opened for foot in (foot_x, foot_y)]
     return np.concatenate([first, second], axis=1)
 
 
 def _support(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Return (D, N) which of (K, N) points is the farthest in each direction.
+    """Return (D, N) indices of the farthest of (K, N) points in each of D directions.
 
-    Lengths carry the point's number in their lowest bits, so that a maximum finds both; the minimum is the
-    maximum of the opposite direction. Ten times as fast as argmax; lengths within 4e-6 may be taken for equal.
+    Lengths carry the point's index in their lowest bits, so that one maximum finds both; this is ten times as fast as
+    argmax. The minimum is the maximum of the opposite direction. Lengths within 4e-6 may count as equal.
     """
     bits = np.int32((1 << (len(x) - 1).bit_length()) - 1)
-    number = np.arange(len(x), dtype=np.int32)[::-1, None]  # the nearest neighbour where several are as far
+    number = np.arange(len(x), dtype=np.int32)[::-1, None]  # reversed, so that the nearest neighbor wins a tie
     half = NUM_DIRECTIONS // 2
     support = np.empty((NUM_DIRECTIONS, x.shape[1]), np.int32)
     for direction in range(half):
@@ -152,7 +153,7 @@ def _support(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.int32
 
 
 def _least_ellipse(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np.float64]:
-    """Return (2, 2, N) half axes of nearly the least origin-centred ellipses that hold (C, N) points."""
+    """Return (2, 2, N) half axes of (nearly) the least ellipses about the origin that contain (C, N) points."""
     xx, xy, yy = x * x, x * y, y * y
     weight = (xx + yy > 0).astype(np.float32)
     weight /= weight.sum(axis=0)
@@ -171,7 +172,7 @@ def _least_ellipse(x: NDArray[np.float32], y: NDArray[np.float32]) -> NDArray[np
 
 
 def _power(moments: list[Any], ridge: Any, xx: Any, xy: Any, yy: Any) -> NDArray[np.float32]:
-    """Return (C, N) x^T M^-1 x of the points, M the (N,) moments with a ridge on the diagonal."""
+    """Return (C, N) x^T M^-1 x of the points; M has the (N,) moments and a ridge on the diagonal."""
     p, q, r = moments[0] + ridge, moments[1], moments[2] + ridge
     scale = 1.0 / (p * r - q * q)
     return (r * scale) * xx - (2 * q * scale) * xy + (p * scale) * yy

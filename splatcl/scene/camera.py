@@ -1,7 +1,7 @@
-"""Camera: every space of the specification, defined once.
+"""Camera: the spaces of the specification, and the maps between them.
 
-World -> eye (x right, y down, z forward; the OpenCV axes) -> raster (pixels, x right, y down, origin at the
-image's upper left corner; pixel (i, j) has its centre at (i + 1/2, j + 1/2)).
+World space -> eye space (x right, y down, z forward: the OpenCV axes) -> raster space (pixels, x right, y down).
+The origin of raster space is the image's upper left corner; pixel (i, j) has its center at (i + 1/2, j + 1/2).
 """
 
 from __future__ import annotations
@@ -17,10 +17,11 @@ from splatcl.scene.splats import MAX_MAGNITUDE
 
 Projection = Literal["perspective", "orthographic"]
 MAX_SIZE = 16384
+"""Largest width and height of an image, pixels."""
 RIGID_TOLERANCE = 1e-4
-"""How far from a rotation `eye_from_world` may be; files write matrices with few digits."""
+"""Largest entry of |R R^T - I| for the rotation R of `eye_from_world`; files write matrices with few digits."""
 POLE = 1e-6
-"""Cosine of the elevation below which `up` is along the view of `Camera.framing`."""
+"""Cosine of an elevation; below it, `Camera.framing` takes `up` as parallel to the view."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,16 +31,15 @@ class Camera:
     Parameters
     ----------
     eye_from_world : (4, 4) float array
-        Rigid transform, row-major, acts on column vectors.
+        Rigid transform from world to eye space, row-major, acts on column vectors.
     fx, fy : float
-        Focal lengths: pixels (perspective, x = fx X/Z + cx) or pixels per scene unit (orthographic,
-        x = fx X + cx).
+        Focal lengths: pixels (perspective, x = fx X/Z + cx) or pixels per scene unit (orthographic, x = fx X + cx).
     cx, cy : float
         Principal point, pixels from the image's upper left corner.
     width, height : int
         Image size, pixels.
     near, far : float
-        Visible range of eye-space z, scene units, both ends included; ``near > 0`` for perspective.
+        Visible range of eye-space z, scene units, both ends included; a perspective camera needs ``near > 0``.
     projection : {"perspective", "orthographic"}
 
     Raises
@@ -66,7 +66,7 @@ class Camera:
                 object.__setattr__(self, name, float(getattr(self, name)))
             for name in ("width", "height"):
                 if int(getattr(self, name)) != getattr(self, name):
-                    raise ValueError(f"{name} {getattr(self, name)!r} is not a whole number")
+                    raise ValueError(f"{name} {getattr(self, name)!r} must be a whole number")
                 object.__setattr__(self, name, int(getattr(self, name)))
         except (TypeError, ValueError, OverflowError) as error:
             raise CameraError(f"camera: {error}") from None
@@ -77,7 +77,7 @@ class Camera:
     def _validate(self) -> None:
         matrix = self.eye_from_world
         if matrix.shape != (4, 4) or not (np.abs(matrix) <= MAX_MAGNITUDE).all():
-            raise CameraError(f"eye_from_world must be 4x4 numbers of at most 1e15, not {matrix.shape}")
+            raise CameraError(f"eye_from_world has shape {matrix.shape}; it must be (4, 4), numbers of at most 1e15")
         rotation = matrix[:3, :3]
         off = np.abs(rotation @ rotation.T - np.eye(3)).max()
         if off > RIGID_TOLERANCE or np.linalg.det(rotation) < 0 or not np.array_equal(matrix[3], [0, 0, 0, 1]):
@@ -85,16 +85,15 @@ class Camera:
                 f"eye_from_world is not a rotation and a translation (R R^T is off by {off:.1e}, "
                 f"det {np.linalg.det(rotation):.3f}); remove scale, mirroring and perspective from it"
             )
-        if not (1 <= self.width <= MAX_SIZE and 1 <= self.height <= MAX_SIZE):
-            raise CameraError(f"image size {self.width}x{self.height} is outside 1x1 to {MAX_SIZE}x{MAX_SIZE}")
+        _check_size(self.width, self.height)
         if not (0 < self.fx < 1e9 and 0 < self.fy < 1e9):
             raise CameraError(f"focal lengths must be positive and below 1e9, not fx {self.fx}, fy {self.fy}")
         if not (abs(self.cx) < 1e9 and abs(self.cy) < 1e9):
             raise CameraError(f"principal point ({self.cx}, {self.cy}) must be finite")
         if self.projection not in ("perspective", "orthographic"):
-            raise CameraError(f"projection {self.projection!r} is neither 'perspective' nor 'orthographic'")
+            raise CameraError(f"projection {self.projection!r} must be 'perspective' or 'orthographic'")
         if not self.near < self.far or not np.isfinite(self.near):
-            raise CameraError(f"near {self.near} must be finite and less than far {self.far}")
+            raise CameraError(f"near {self.near} must be finite and below far {self.far}")
         if self.projection == "perspective" and self.near <= 0:
             raise CameraError(f"near {self.near} must be positive for a perspective camera")
 
@@ -104,7 +103,7 @@ class Camera:
         return -self.eye_from_world[:3, :3].T @ self.eye_from_world[:3, 3]
 
     def project(self, points: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Project world-space points.
+        """Project points from world space to raster space.
 
         Parameters
         ----------
@@ -114,7 +113,7 @@ class Camera:
         Returns
         -------
         raster : (..., 2) float64 array
-            Pixels; NaN or inf where a perspective point has z = 0.
+            Raster space, pixels; NaN or infinite where a perspective point has z = 0.
         z : (...) float64 array
             Eye-space depth, scene units; negative behind the eye.
         """
@@ -135,17 +134,17 @@ class Camera:
         height: int = 512,
         **kwargs: Any,
     ) -> Camera:
-        """Return a camera at `eye` looking at `target`.
+        """Make a camera at `eye` that looks at `target`.
 
         Parameters
         ----------
         eye, target : (3,) float
-            World space.
+            Points, world space.
         up : (3,) float
             World-space direction that points up in the image.
         fov_y : float
-            Full vertical angle of view, degrees. An orthographic camera sees at the target what a
-            perspective one would.
+            Full vertical angle of view, degrees. An orthographic camera gets the height that a perspective camera
+            sees at the target.
         width, height : int
             Image size, pixels.
         **kwargs
@@ -154,14 +153,16 @@ class Camera:
         Raises
         ------
         CameraError
-            `eye` equals `target`, `up` is along the view, or `fov_y` is not between 0 and 180.
+            `eye` equals `target`, `up` is parallel to the view, or a number is out of its range.
         """
         position, upward = vector("eye", eye), vector("up", up)
         forward = vector("target", target) - position
         distance = np.linalg.norm(forward)
         right = np.cross(forward, upward)
         if not distance > 0 or not np.linalg.norm(right) > 1e-9 * distance * np.linalg.norm(upward):
-            raise CameraError(f"look_at: eye {eye!r}, target {target!r} and up {up!r} do not span a view")
+            raise CameraError(
+                f"look_at: eye {eye!r} and target {target!r} must differ, and up {up!r} must not be along the view"
+            )
         _check_fov(fov_y)
         z = forward / distance
         x = right / np.linalg.norm(right)
@@ -185,16 +186,16 @@ class Camera:
         height: int = 512,
         **kwargs: Any,
     ) -> Camera:
-        """Return a camera that sees a whole sphere.
+        """Make a camera that sees a whole sphere.
 
         Parameters
         ----------
         sphere : (3,) float and float
-            Centre, world space, and radius, scene units (`Splats.bounding_sphere`).
+            Center, world space, and radius, scene units (`Splats.bounding_sphere`).
         azimuth, elevation : float
-            Degrees. Azimuth 0 looks from +z for ``up`` = y and from -y for ``up`` = z, and turns
-            counter-clockwise seen from above; elevation, -90 to 90, lifts the eye toward `up`. Straight from above
-            (below), the side that azimuth names is at the image's lower (upper) edge.
+            Degrees. Azimuth 0 looks from +z for ``up`` = y and from -y for ``up`` = z. Azimuth turns the eye
+            counter-clockwise, seen from above; elevation, -90 to 90, lifts the eye toward `up`. At elevation 90
+            (-90), the azimuth's side of the sphere is at the image's lower (upper) edge.
         up, fov_y, width, height, **kwargs
             As for `look_at`.
 
@@ -210,11 +211,10 @@ class Camera:
             raise CameraError(f"azimuth {azimuth} must be finite")
         if not -90 <= elevation <= 90:
             raise CameraError(f"elevation {elevation} must be between -90 and 90 degrees")
-        if not (1 <= width <= MAX_SIZE and 1 <= height <= MAX_SIZE):
-            raise CameraError(f"image size {width}x{height} is outside 1x1 to {MAX_SIZE}x{MAX_SIZE}")
+        _check_size(width, height)
         _check_fov(fov_y)
         if not np.linalg.norm(upward) > 0:
-            raise CameraError(f"up {up!r} is not a direction")
+            raise CameraError(f"up {up!r} must be a direction; it has no length")
         upward = upward / np.linalg.norm(upward)
         front = np.array([0.0, -1.0, 0.0]) if abs(upward[2]) > 0.5 else np.array([0.0, 0.0, 1.0])
         front -= upward * (front @ upward)
@@ -230,22 +230,27 @@ class Camera:
         return cls.look_at(center + distance * outward, center, top, fov_y, width, height, **kwargs)
 
 
+def _check_size(width: int, height: int) -> None:
+    if not (1 <= width <= MAX_SIZE and 1 <= height <= MAX_SIZE):
+        raise CameraError(f"image size {width}x{height} must be between 1x1 and {MAX_SIZE}x{MAX_SIZE}")
+
+
 def _check_fov(fov_y: float) -> None:
     if not 0 < fov_y < 180:
         raise CameraError(f"fov_y {fov_y} must be between 0 and 180 degrees")
 
 
 def vector(name: str, value: ArrayLike, error: type[SplatclError] = CameraError) -> NDArray[np.float64]:
-    """Return three finite numbers as a new array; where `value` is something else raise `error`, which names it."""
+    """Convert `value` to a new (3,) float64 array of finite numbers, or raise `error` with `name`."""
     try:
         array = np.array(value, np.float64)
     except (TypeError, ValueError):
         array = np.empty(0)
     if array.shape != (3,) or not np.isfinite(array).all():
-        raise error(f"{name} {value!r} is not three finite numbers")
+        raise error(f"{name} {value!r} must be three finite numbers")
     return array
 
 
 def rotated(rotation: NDArray[np.float64], vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the product by single operations: the one of a BLAS has other bits on other CPUs."""
+    """Multiply a (3, 3) matrix by a (3,) vector in a fixed order; a BLAS gives other bits on other CPUs."""
     return (rotation[:, 0] * vector[0] + rotation[:, 1] * vector[1]) + rotation[:, 2] * vector[2]

@@ -1,9 +1,9 @@
-"""Splats: oriented elliptical discs, the one input of every pass."""
+"""Splats: oriented elliptical discs, the input of every pass."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from types import MappingProxyType
 from typing import Any, Literal
@@ -15,18 +15,18 @@ from splatcl.errors import InvalidSplatsError
 
 OnInvalid = Literal["error", "drop"]
 DEFAULT_COLOR = (0.6, 0.6, 0.6)
-"""Linear RGB of splats that come without a colour."""
+"""Linear RGB of splats without a color."""
 
 MIN_AREA = 1e-15
-"""Smallest |t_u x t_v| of a usable splat, in square scene units: below it the normal is lost in float32."""
+"""Smallest |t_u x t_v| of a usable splat, square scene units: a smaller one loses its normal in float32."""
 MAX_MAGNITUDE = 1e15
 """Largest usable coordinate: its square must stay finite in float32."""
 OPTIONAL = {"normal_du": (3,), "normal_dv": (3,), "clip": (2, 3)}
-"""Arrays that splats may have or not, with the shape of a row."""
+"""Optional arrays of splats by name, each with the shape of a row."""
 PREFIX = "attribute."
-"""Before the names of attributes, where these are among others."""
+"""Prefix of an attribute's name among the names of other arrays."""
 BLOCK = 16384
-"""Splats that are validated at a time, so that what is computed for them stays in the cache."""
+"""Splats validated at a time: their temporaries fit into the CPU's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,36 +36,36 @@ class Splats:
     Parameters
     ----------
     center : (N, 3) float array
-        Disc centres c, world space, scene units. float64 is kept (surveys in UTM metres lose nothing).
+        Disc centers c, world space, scene units. float64 is kept, so surveys in UTM meters lose no digits.
     tangent_u, tangent_v : (N, 3) float array
         Tangent axes, world space; their lengths are the principal radii in scene units.
         The normal is normalize(t_u x t_v) ([BHZK05] eq. 1).
     color : (N, 3) float array, optional
-        Linear RGB; a mid grey where omitted.
+        Linear RGB; `DEFAULT_COLOR` by default.
     normal_du, normal_dv : (N, 3) float array, optional
-        A linear normal field, world space: the normal at (u, v) of the disc is
-        normalize(n + u n_du + v n_dv) ([BSK04]). Both or neither; n is the disc's own normal.
+        Linear normal field, world space. The normal at (u, v) of the disc is normalize(n + u n_du + v n_dv)
+        ([BSK04]); n is the disc's own normal. Give both arrays or neither.
     clip : (N, 2, 3) float array, optional
-        Up to two clip lines a u + b v + c >= 0 as rows (a, b, c): what is on the other side is cut off, of the
-        disc and of its pre-filter ([ZRB04] section 4). A row of zeros cuts nothing.
+        Up to two clip lines as rows (a, b, c), disc coordinates ([ZRB04] section 4). The half plane
+        a u + b v + c >= 0 of the disc and of its pre-filter is kept. A row of zeros cuts nothing.
     attributes : mapping of str to (N,) float array
-        Further channels that are blended like the colour, by name; each becomes the AOV ``attribute.NAME``.
-        ``specular`` and ``shininess`` take the place of the material's.
+        Named channels, blended like the color; each becomes the AOV ``attribute.NAME``. ``specular`` and
+        ``shininess`` replace the material's values.
     oriented : bool
-        False where the normals' signs mean nothing (they were estimated from bare points): they are then
-        turned toward the viewer when rendered.
+        False if the signs of the normals are arbitrary, as estimates from bare points are. The renderer then turns
+        each normal toward the viewer.
     num_dropped : int
-        Invalid splats that were left out before these (see `on_invalid`).
+        Number of invalid splats dropped earlier (see `on_invalid`).
     notes : tuple of str
-        One sentence for each thing that was estimated, converted or left out on the way in.
+        One sentence for each estimate, conversion and omission on the way from the file.
     on_invalid : {"error", "drop"}
-        What to do with splats that have a non-finite or huge coordinate, colour or tangent, or no area.
+        Treatment of splats with a non-finite or huge coordinate, color or tangent, or without an area.
 
     Raises
     ------
     InvalidSplatsError
-        Wrong shapes, not numbers, or invalid splats under ``on_invalid="error"``; the message says how many
-        and the first index.
+        An array has a wrong shape or is not numeric, or splats are invalid under ``on_invalid="error"``. The message
+        gives the number of invalid splats and the first index.
     """
 
     center: NDArray[Any]
@@ -86,36 +86,38 @@ class Splats:
         num = len(arrays["center"])
         color = np.full((num, 3), DEFAULT_COLOR, np.float32) if self.color is None else self.color
         arrays["color"] = _rows("color", color, 3)
-        further = self._checked_further()
-        for name, array in (arrays | further).items():
+        optional = self._checked_optional()
+        for name, array in (arrays | optional).items():
             if len(array) != num:
                 raise InvalidSplatsError(f"{name} has {len(array)} rows but center has {num}")
         reason = invalid_splats(**arrays)
-        for array in further.values():
-            reason = np.where(reason == 0, _unusable(array), reason)
-        arrays |= further
-        num_invalid = np.count_nonzero(reason)
-        if num_invalid and on_invalid == "error":
-            raise InvalidSplatsError(describe_invalid(reason) + "; drop them with on_invalid='drop'")
-        if num_invalid:
+        for array in optional.values():
+            reason = np.where(reason == 0, _optional_reasons(array), reason)
+        arrays |= optional
+        if reason.any():
+            problem = describe_reasons(reason, REASONS, "splat")
+            if on_invalid == "error":
+                raise InvalidSplatsError(f"{problem}; drop them with on_invalid='drop'")
             arrays = {name: array[reason == 0] for name, array in arrays.items()}
-            object.__setattr__(self, "notes", (*self.notes, f"dropped {describe_invalid(reason)}"))
-            object.__setattr__(self, "num_dropped", self.num_dropped + int(num_invalid))
+            object.__setattr__(self, "notes", (*self.notes, f"dropped {problem}"))
+            object.__setattr__(self, "num_dropped", self.num_dropped + int(np.count_nonzero(reason)))
         for name, array in arrays.items():
             array.setflags(write=False)
-            if name not in further or name in OPTIONAL:
+            if name not in optional or name in OPTIONAL:
                 object.__setattr__(self, name, array)
         named = {name: arrays[PREFIX + name] for name in self.attributes}
         object.__setattr__(self, "attributes", MappingProxyType(named))
 
-    def _checked_further(self) -> dict[str, NDArray[Any]]:
-        """Return the optional arrays that there are, checked but for their lengths."""
+    def _checked_optional(self) -> dict[str, NDArray[Any]]:
+        """Check the names and row shapes of the optional arrays; return the arrays as floats."""
         if (self.normal_du is None) != (self.normal_dv is None):
             raise InvalidSplatsError("normal_du and normal_dv go together: give both or neither")
         for name in self.attributes:
             if not isinstance(name, str) or not re.fullmatch(r"[a-z_][a-z0-9_]{0,63}", name):
-                raise InvalidSplatsError(f"attribute {name!r} is not named by small letters, digits and _")
-        return {name: _rows(name, value, *OPTIONAL.get(name, ())) for name, value in self.further.items()}
+                raise InvalidSplatsError(
+                    f"attribute {name!r} must be named with lower-case letters, digits and _, at most 64"
+                )
+        return {name: _rows(name, value, *OPTIONAL.get(name, ())) for name, value in self.optional.items()}
 
     def __getstate__(self) -> dict[str, Any]:
         return {**self.__dict__, "attributes": dict(self.attributes)}
@@ -124,8 +126,8 @@ class Splats:
         return len(self.center)
 
     @property
-    def further(self) -> dict[str, NDArray[Any]]:
-        """The optional arrays that there are, attributes as ``attribute.NAME``."""
+    def optional(self) -> dict[str, NDArray[Any]]:
+        """The optional arrays of these splats by name; an attribute's name is ``attribute.NAME``."""
         present = {name: getattr(self, name) for name in OPTIONAL if getattr(self, name) is not None}
         return present | {PREFIX + name: values for name, values in self.attributes.items()}
 
@@ -137,13 +139,13 @@ class Splats:
 
     @property
     def radius(self) -> NDArray[np.float64]:
-        """(N,) float64 larger principal radius max(|t_u|, |t_v|), scene units."""
+        """(N,) float64 larger principal radii max(|t_u|, |t_v|), scene units."""
         norms = [np.linalg.norm(t.astype(np.float64), axis=1) for t in (self.tangent_u, self.tangent_v)]
         return np.maximum(*norms)
 
     @property
     def bounds(self) -> NDArray[np.float64]:
-        """(2, 3) float64 least and greatest corner of the discs' bounding box, world space."""
+        """(2, 3) float64 least and greatest corner of the discs' bounding box, world space; zeros without splats."""
         if not len(self):
             return np.zeros((2, 3))
         half = np.hypot(self.tangent_u.astype(np.float64), self.tangent_v.astype(np.float64))
@@ -152,15 +154,15 @@ class Splats:
 
     @property
     def bounding_sphere(self) -> tuple[NDArray[np.float64], float]:
-        """(3,) float64 centre of the bounds, world space, and the radius around it that holds every disc."""
+        """(3,) float64 center of `bounds`, world space, and radius of the sphere around it that holds every disc."""
         middle = self.bounds.mean(axis=0)
         distance = np.linalg.norm(self.center - middle, axis=1) + self.radius
         return middle, float(distance.max(initial=0.0))
 
     def without_outliers(self) -> Splats:
-        """Return the splats less the few that lie far out, for framing: raw scans have strays.
+        """Return the splats without outliers, for framing a raw scan.
 
-        A stray is over twice as far from the median centre as 95 % of the splats are.
+        An outlier lies more than twice as far from the median center as the 95 % quantile.
         """
         if not len(self):
             return self
@@ -169,7 +171,7 @@ class Splats:
         return self if near.all() else self.take(near)
 
     def circular(self) -> Splats:
-        """Return circles about the discs, of their longer axes' radii, u in its direction ([BK03])."""
+        """Replace each ellipse by the circle of its larger radius; t_u keeps its direction ([BK03])."""
         u = self.tangent_u.astype(np.float64)
         length = np.linalg.norm(u, axis=1, keepdims=True)
         turned = np.cross(self.normal, u)
@@ -177,10 +179,10 @@ class Splats:
         return replace(self, tangent_u=u * grow, tangent_v=turned * grow)
 
     def half_precision(self) -> Splats:
-        """Return the splats with centres and normals rounded to 16-bit floats ([BHZK05] section 6).
+        """Round centers and normals to 16-bit floats ([BHZK05] section 6).
 
-        Centres are rounded as shares of the largest half side of their bounding box, from its middle. Tangents keep
-        their lengths, projected onto the plane of the rounded normal.
+        Centers are rounded relative to the middle of their bounding box, in units of its largest half side. Tangents
+        are projected onto the plane of the rounded normal and keep their lengths.
         """
         if not len(self):
             return self
@@ -199,7 +201,7 @@ class Splats:
         return replace(self, center=rounded.astype(self.center.dtype), **tangents)
 
     def take(self, ids: ArrayLike | slice) -> Splats:
-        """Return the splats at `ids` (indices, a mask or a slice), in that order."""
+        """Return the splats selected by `ids` (indices, a mask or a slice), in that order."""
         key: Any = ids if isinstance(ids, slice) else np.asarray(ids)
         if not isinstance(key, slice) and not key.size:
             key = key.astype(np.intp)
@@ -215,7 +217,7 @@ REASONS = ("", "a non-finite number", "a number beyond 1e15", "an area |t_u x t_
 def invalid_splats(
     center: NDArray[Any], tangent_u: NDArray[Any], tangent_v: NDArray[Any], color: NDArray[Any]
 ) -> NDArray[np.uint8]:
-    """Return (N,) uint8: 0 for a valid splat, else the index in `REASONS` of what is wrong with it."""
+    """Return (N,) uint8 indices in `REASONS`: 0 for a valid splat, else the index of its problem."""
     columns = (center, tangent_u, tangent_v, color)
     reason = np.empty(len(center), np.uint8)
     for start in range(0, len(center), BLOCK):
@@ -227,7 +229,7 @@ def invalid_splats(
 def _reasons(
     center: NDArray[Any], tangent_u: NDArray[Any], tangent_v: NDArray[Any], color: NDArray[Any]
 ) -> NDArray[np.uint8]:
-    """Return (N,) reasons for (3, N) columns."""
+    """Return (N,) uint8 indices in `REASONS` for (3, N) columns."""
     columns = (center, tangent_u, tangent_v, color)
     ux, uy, uz, vx, vy, vz = (*tangent_u.astype(np.float64), *tangent_v.astype(np.float64))
     with np.errstate(invalid="ignore", over="ignore"):
@@ -240,20 +242,28 @@ def _reasons(
     return np.select([~finite, ~small, ~has_area], [1, 2, 3], 0).astype(np.uint8)
 
 
-def describe_invalid(reason: NDArray[np.uint8]) -> str:
-    """Say how many splats are invalid, why, and which is the first."""
-    parts = [f"{count} with {REASONS[r]}" for r, count in enumerate(np.bincount(reason)) if r and count]
+def describe_reasons(reason: NDArray[np.uint8], reasons: Sequence[str], noun: str) -> str:
+    """Describe the invalid items in words: their number, the number for each problem, and the first index.
+
+    `reason` is (N,) uint8 indices in `reasons`, 0 for a valid item; `noun` names an item: "splat".
+    """
+    parts = [f"{count} with {text}" for text, count in reason_counts(reason, reasons)]
     first = int(np.flatnonzero(reason)[0])
-    return f"{np.count_nonzero(reason)} of {len(reason)} splats ({', '.join(parts)}; the first is splat {first})"
+    return f"{np.count_nonzero(reason)} of {len(reason)} {noun}s ({', '.join(parts)}; the first is {noun} {first})"
+
+
+def reason_counts(reason: NDArray[np.uint8], reasons: Sequence[str]) -> list[tuple[str, int]]:
+    """Return each problem that occurs in `reason`, and its number of items."""
+    return [(reasons[r], int(count)) for r, count in enumerate(np.bincount(reason)) if r and count]
 
 
 def _half(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values rounded to IEEE halves."""
+    """Round values to IEEE half precision."""
     return values.astype(np.float16).astype(np.float64)
 
 
-def _unusable(array: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return (N,) the index in `REASONS` of what is wrong with the rows of an optional array, 0 for nothing."""
+def _optional_reasons(array: NDArray[Any]) -> NDArray[np.uint8]:
+    """Return (N,) uint8 indices in `REASONS` for the rows of an optional array; 0 for a valid row."""
     rows = array.reshape(len(array), int(np.prod(array.shape[1:])))
     with np.errstate(invalid="ignore"):
         finite, small = np.isfinite(rows).all(axis=1), (np.abs(rows) <= MAX_MAGNITUDE).all(axis=1)
@@ -261,15 +271,25 @@ def _unusable(array: NDArray[Any]) -> NDArray[np.uint8]:
 
 
 def _rows(name: str, value: ArrayLike, *size: int) -> NDArray[Any]:
-    """Return `value` as floats of shape (N, *size)."""
-    try:
-        array = np.asarray(value)
-        if array.dtype not in (np.float32, np.float64):
-            array = array.astype(np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidSplatsError(f"{name} is not an array of numbers ({error})") from None
+    """Copy `value` to a float array of shape (N, *size), or raise `InvalidSplatsError`."""
+    array = float_array(name, value)
     if array.ndim != 1 + len(size) or array.shape[1:] != size:
         wanted = ", ".join(["N", *map(str, size)]) + "," * (not size)
         raise InvalidSplatsError(f"{name} has shape {array.shape}; it must be ({wanted})")
-    # A private, native-order, contiguous copy: the caller's later writes must not change the splats.
+    # The caller's later writes must not change the splats, and the device needs native, contiguous arrays.
     return np.array(array, dtype=array.dtype.newbyteorder("="), order="C", copy=True)
+
+
+def float_array(name: str, value: ArrayLike) -> NDArray[Any]:
+    """Convert `value` to a float array: float32 and float64 are kept, other types become float64.
+
+    Raises
+    ------
+    InvalidSplatsError
+        `value` is not numeric; the message starts with `name`.
+    """
+    try:
+        array = np.asarray(value)
+        return array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidSplatsError(f"{name} must be an array of numbers ({error})") from None

@@ -1,4 +1,4 @@
-"""Files appear whole or not at all: write under a temporary name, then rename."""
+"""Write files atomically: a file appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -13,21 +13,26 @@ from splatcl.errors import FileError
 
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Give a temporary path beside `path` with the same extension; rename it to `path` at the end.
+    """Create an empty temporary file beside `path`, with the same extension; rename it to `path` at the end.
 
-    The temporary file exists, empty, from the start. Whatever is raised inside, it is removed and `path` is
-    as it was. A symbolic link is followed: the file it points to is replaced.
+    An exception inside the block removes the temporary file and leaves `path` unchanged. A symbolic link is
+    followed: its target is replaced.
 
     Parameters
     ----------
     path : path
-        Where the file shall be.
+        The final path.
+
+    Yields
+    ------
+    Path
+        The temporary file.
 
     Raises
     ------
     FileError
-        The path is a folder or a device, its folder is missing or read-only, the disk is full, or any other
-        operating system error inside the block.
+        `path` is a folder, a device or read-only, its folder is missing or read-only, or the block raises an
+        `OSError` (a full disk).
     """
     try:
         target = _checked_target(path)
@@ -45,7 +50,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
-    """Raise `FileError` now if a file could not be written at `path`; nothing is left behind or changed."""
+    """Raise `FileError` if a file cannot be written at `path`; the test leaves no file and changes none."""
     try:
         target = _checked_target(path)
         probe = target.with_name(f".splatcl-{secrets.token_hex(6)}")
@@ -59,7 +64,7 @@ def _checked_target(path: str | os.PathLike[str]) -> Path:
     try:
         target = Path(path).resolve()
         exists = target.exists()
-    except (ValueError, RuntimeError) as error:  # a null byte in the name; a loop of symbolic links
+    except (ValueError, RuntimeError) as error:  # a null byte in the name, or a loop of symbolic links
         raise FileError(f"{os.fspath(path)!r}: cannot write: {error}") from None
     if exists and target.is_dir():
         raise FileError(f"{path}: cannot write: it is a folder")

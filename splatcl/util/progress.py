@@ -1,4 +1,4 @@
-"""Progress on a terminal for what takes longer than about two seconds; silent and nearly free otherwise."""
+"""Progress bars on a terminal, for stages longer than two seconds; other stages are silent and nearly free."""
 
 from __future__ import annotations
 
@@ -9,27 +9,28 @@ from contextlib import contextmanager
 from typing import Any
 
 DELAY = 2.0
-"""Seconds before a stage shows itself."""
+"""Seconds before a stage shows its bar."""
 
 Advance = Callable[[int], None]
+"""Function that counts steps as done."""
 
 _screen = threading.Lock()
-"""Held by the one stage that may draw: inner and concurrent stages stay silent."""
+"""Lock of the stage that may draw: inner and concurrent stages stay silent."""
 
 
 @contextmanager
 def stage(title: str, total: int | None = None) -> Iterator[Advance]:
     """Show a progress bar on stderr while the block runs.
 
-    Nothing is drawn unless stderr is a terminal and the block has run for `DELAY` seconds. A stage inside
-    another, or in another thread while one is on, stays silent. The bar is removed at the end.
+    The bar appears if stderr is a terminal and the block has run for `DELAY` seconds, and is removed at the end.
+    An inner stage, or one in another thread, stays silent while a stage is on.
 
     Parameters
     ----------
     title : str
-        What is being done: "Estimating normals".
+        The activity: "Estimating normals".
     total : int, optional
-        Number of steps; without it the bar only shows that something goes on.
+        Number of steps; without it the bar shows activity only.
 
     Yields
     ------
@@ -54,7 +55,7 @@ def stage(title: str, total: int | None = None) -> Iterator[Advance]:
 
 
 class _DelayedBar:
-    """A rich progress bar that starts itself after `DELAY` seconds, unless stopped before."""
+    """A rich progress bar that starts itself after `DELAY` seconds, unless it was stopped."""
 
     def __init__(self, title: str, total: int | None) -> None:
         self._title, self._total, self._done = title, total, 0
@@ -64,11 +65,13 @@ class _DelayedBar:
         self._timer.start()
 
     def advance(self, steps: int) -> None:
+        """Count steps as done."""
         self._done += steps
         if self._progress is not None:
             self._progress.update(self._progress.task_ids[0], completed=self._done)
 
     def stop(self) -> None:
+        """Remove the bar, or keep it from starting."""
         self._timer.cancel()
         self._timer.join()
         if self._progress is not None:

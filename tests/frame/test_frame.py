@@ -54,7 +54,7 @@ def test_aovs_are_computed_only_when_asked_for():
 
 def test_an_unknown_aov_names_the_choices():
     frame, _ = make_frame()
-    with pytest.raises(SplatclError, match="no AOV 'depth' in this frame; it has color, Z, count"):
+    with pytest.raises(SplatclError, match="the frame has no AOV 'depth'; it has color, Z, count"):
         frame["depth"]
 
 

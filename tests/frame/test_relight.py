@@ -98,8 +98,8 @@ def test_only_shading_can_be_changed(frame):
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        (RenderSettings(method="botsch04"), "shading='fragment' lit each fragment before it was blended"),
-        (RenderSettings(method="botsch03"), "shading='splat' lit each splat before it was blended"),
+        (RenderSettings(method="botsch04"), "shading='fragment' lit each fragment before blending; render it again"),
+        (RenderSettings(method="botsch03"), "shading='splat' lit each splat before blending; render it again"),
         (RenderSettings(supersampling=2), "supersampling=2 averaged its surface; render it again"),
     ],
 )
@@ -137,7 +137,7 @@ def test_a_file_of_someone_else_is_refused(tmp_path):
 
     other = tmp_path / "other.exr"
     OpenEXR.File({}, {"Z": np.zeros((2, 2), np.float32)}).write(str(other))
-    with pytest.raises(FileError, match=r"other\.exr: splatcl did not write it"):
+    with pytest.raises(FileError, match=r"other\.exr: has no camera and settings of splatcl"):
         read_frame(other)
     with pytest.raises(FileError, match=r"none\.exr: cannot read"):
         read_frame(tmp_path / "none.exr")
@@ -149,7 +149,7 @@ def test_settings_of_another_version_are_refused(frame, tmp_path, monkeypatch):
     describe = exr._describe
     monkeypatch.setattr(exr, "_describe", lambda *a: describe(*a).replace('"cutoff"', '"warp"'))
     frame.save(tmp_path / "new.exr")
-    with pytest.raises(SettingsError, match=r"new\.exr: settings of another version of splatcl: no warp"):
+    with pytest.raises(SettingsError, match=r"new\.exr: has settings of another version of splatcl \(no warp"):
         read_frame(tmp_path / "new.exr")
 
 

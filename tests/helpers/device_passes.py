@@ -12,8 +12,8 @@ from splatcl.opencl.passes import bin as bin_pass
 from splatcl.opencl.passes.attributes import attributes
 from splatcl.opencl.passes.project import project
 from splatcl.opencl.passes.shade import resolve, shade
-from splatcl.opencl.passes.visibility import project_and_see
-from splatcl.opencl.state.buffers import Band, DepthBuffer, GBuffer
+from splatcl.opencl.passes.visibility import project_and_find_depth
+from splatcl.opencl.state.buffers import Band, DepthBuffer, GBuffer, Raster
 from splatcl.opencl.state.context import PassContext, frame_buffers
 from splatcl.opencl.state.upload import upload
 from splatcl.scene.settings import effective_settings
@@ -45,7 +45,7 @@ class DevicePasses:
 
         Fields of `records` are those of ProjectedSplat, the bounds the ones of the pre-filter as well, and `id`.
         """
-        parts = [self.read(lists) for lists in bin_pass.in_order(self.passes, self.splats.num_splats)]
+        parts = [self.read(lists) for lists in bin_pass.all_splats(self.passes, self.splats.num_splats)]
         records, attributes = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
         drawn = records["x_min"] <= records["x_max"]
         return records[drawn], attributes[drawn]
@@ -79,7 +79,7 @@ class DevicePasses:
         """Run everything up to the attribute pass; return its outputs by the names of the dataclasses' fields."""
         depth, gbuffer = frame_buffers(self.passes)
         for lists in bin_pass.bin(self.passes, self.view, self.splats):
-            projected = project_and_see(self.passes, self.view, self.splats, lists, depth, self.epsilon)
+            projected = project_and_find_depth(self.passes, self.view, self.splats, lists, depth, self.epsilon)
             attributes(self.passes, Band(self.view, lists, projected, depth, self.epsilon), gbuffer)
         return {name: self._image(name, value) for name, value in (vars(depth) | vars(gbuffer)).items()}
 
@@ -88,8 +88,9 @@ class DevicePasses:
         buffers = {name: self.passes.constant(array.astype(self.passes.real)) for name, array in sums.items()}
         depth = DepthBuffer(buffers.pop("depth"), None)
         gbuffer = GBuffer(**buffers, count=None)
-        color = shade(self.passes, self.view, depth, gbuffer, self.epsilon)
-        resolved = resolve(self.passes, self.view, depth, gbuffer)
+        raster = Raster(self.view, depth, gbuffer, self.epsilon)
+        color = shade(self.passes, raster)
+        resolved = resolve(self.passes, raster)
         return {"color": self._image("color", color, 4)} | {
             name: self._image(name, buffer) for name, buffer in resolved.items()
         }

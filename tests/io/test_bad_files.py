@@ -138,7 +138,7 @@ def test_mesh_with_unusable_corners(tmp_path):
 
 def test_all_unusable_is_an_error_even_when_dropping(tmp_path):
     (tmp_path / "a.xyz").write_text("nan 0 0\n")
-    with pytest.raises(InvalidSplatsError, match="no usable point is left"):
+    with pytest.raises(InvalidSplatsError, match="none of 1 points is usable"):
         splatcl.read(tmp_path / "a.xyz", on_invalid="drop")
 
 

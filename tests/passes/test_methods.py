@@ -24,12 +24,12 @@ from tolerances import (
 from splatcl import Camera, Material, RenderSettings, SplatclError, oracle
 from splatcl.evidence.golden.scenes import LIGHTS
 from splatcl.features import cube
-from splatcl.opencl.state.upload import GLOSS
+from splatcl.opencl.state.upload import PHONG_ATTRIBUTES as PHONG
 
 VECTORS = ("N", "albedo", "color", "depth.mean", "P")
 LIT = {"lights": LIGHTS, "material": Material(0.1, 0.6, 0.4, 12.0)}
 CULL = {"facing": "cull"}  # one layer alone: half the programs to build
-ATTRIBUTES = (*GLOSS, "rough", "a", "b", "c", "d", "e")
+ATTRIBUTES = (*PHONG, "rough", "a", "b", "c", "d", "e")
 
 
 def compare(renderer, splats, camera, settings, masked=MASKED_METHODS):
@@ -116,7 +116,12 @@ def test_settings_compose(renderer, settings):
 
 @pytest.mark.parametrize(
     "method, attributes",
-    [("botsch05", ATTRIBUTES), ("botsch05", ("shininess", "x")), ("botsch04", GLOSS), ("botsch03", ("specular",))],
+    [
+        ("botsch05", ATTRIBUTES),
+        ("botsch05", ("shininess", "x")),
+        ("botsch04", PHONG),
+        ("botsch03", ("specular",)),
+    ],
 )
 def test_attributes_blend_like_colours_and_feed_the_shader(renderer, method, attributes):
     """Caught: specular read where there is only shininess; channels shifted by the gloss."""
@@ -126,7 +131,7 @@ def test_attributes_blend_like_colours_and_feed_the_shader(renderer, method, att
 
 
 def _ordered(names):
-    return [*(n for n in GLOSS if n in names), *(n for n in names if n not in GLOSS)]
+    return [*(n for n in PHONG if n in names), *(n for n in names if n not in PHONG)]
 
 
 @pytest.mark.parametrize("target", ["float16", "unorm8"])

@@ -136,9 +136,11 @@ def test_shadows_of_a_survey_are_those_at_the_origin(renderer):
 
 def test_what_has_no_shadow_map_is_refused(renderer, device):
     inside = RenderSettings(lights=(Light("point", (0.1, 0.2, 0.3), shadow="pcf"),))
-    with pytest.raises(SettingsError, match=r"point light at \(0.1, 0.2, 0.3\) is within the splats' bounding sphere"):
+    with pytest.raises(
+        SettingsError, match=r"point light at \(0.1, 0.2, 0.3\) cannot cast shadows within the splats' bounding sphere"
+    ):
         renderer.render(random_ellipses(num=60), CAMERAS["off_center"], inside)
-    with pytest.raises(SplatclError, match="shadows are cast by splats, which are not at hand here: render again"):
+    with pytest.raises(SplatclError, match="cannot cast shadows: this frame has no splats; render it again"):
         DevicePasses(device, random_ellipses(num=3), CAMERAS["off_center"], SETTINGS).shade(make_sums())
     with pytest.raises(SettingsError, match="choose shading='deferred', or shadow='none'"):
         replace(SETTINGS, shading="fragment")
@@ -173,7 +175,7 @@ def test_a_frame_with_its_splats_is_lit_again_with_shadows(renderer, tmp_path):
     fresh.save(tmp_path / "frame.exr")
     loaded = Frame.load(tmp_path / "frame.exr")
     assert loaded.settings.lights == CASTING
-    with pytest.raises(SplatclError, match="shadows are cast by splats, which are not at hand here"):
+    with pytest.raises(SplatclError, match="cannot cast shadows: this frame has no splats"):
         loaded.shade(material=Material(0.5))
     np.testing.assert_array_equal(loaded.shade(lights=(Light(),)).color, plain.color)
 

@@ -107,9 +107,9 @@ WRONG = {
     f"\n\n{HEAD}\n{{\n  return heat;\n}}": "mine.cl:5: use of undeclared identifier 'heat'",
     f"{HEAD}\n{{ return s.attribute.heat; }}": "mine.cl:2: no member named 'heat'",
     f"#error too dark\n{HEAD}": "mine.cl:1: too dark",
-    "float4 shade(float x) { return x; }": rf"mine.cl: it must define {re.escape(HEAD)}",
-    "float4 colour(const Surface s) { return 1.0f; }": f"mine.cl: no function {re.escape(HEAD)}",
-    "": f"shader='user' needs user_shader: OpenCL C of a function {re.escape(HEAD)}",
+    "float4 shade(float x) { return x; }": rf"mine.cl: must define {re.escape(HEAD)}",
+    "float4 colour(const Surface s) { return 1.0f; }": f"mine.cl: has no function {re.escape(HEAD)}",
+    "": f"shader='user' needs user_shader; set it to OpenCL C with a function {re.escape(HEAD)}",
 }
 
 

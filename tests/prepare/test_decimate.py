@@ -167,7 +167,7 @@ def test_what_is_not_carried_over_is_noted():
     fewer = decimate(splats, 0.1)
     assert fewer.normal_du is None and fewer.clip is None
     assert fewer.notes[1:] == tuple(
-        f"left out the {what} of the splats before" for what in ("normal fields", "clip lines")
+        f"dropped the {what} of the original splats" for what in ("normal fields", "clip lines")
     )
 
 

@@ -8,7 +8,7 @@ from helpers.feature_rays import cast, disc_coordinates, kept, slabs
 from splatcl import Camera, Splats
 from splatcl.errors import InvalidSplatsError, SettingsError
 from splatcl.features import clip_lines, cube
-from splatcl.prepare.features.clip_lines import at, cut_depth, keep_deepest, normalize
+from splatcl.prepare.features.clip_lines import cut_depth, evaluate, keep_deepest, normalize
 
 
 def roofs(num, seed=0):
@@ -49,7 +49,7 @@ def test_each_side_of_an_edge_is_kept_by_one_of_its_two_splats():
             ids = PAIRS[:, side]
             for s in (-0.5, -1e-6, 1e-6, 0.5):
                 point = edge + 0.1 * along + s * across[side]
-                on_side = at(cut.clip[ids, 0], disc_coordinates(cut, ids, point)) > 0
+                on_side = evaluate(cut.clip[ids, 0], disc_coordinates(cut, ids, point)) > 0
                 np.testing.assert_array_equal(on_side, (s > 0) == bool(side))
     wrong = clip_lines(splats, PAIRS, ~convex)
     np.testing.assert_allclose(wrong.clip, -cut.clip, atol=tol.FEATURE)
@@ -98,8 +98,8 @@ def test_depth_of_a_cut_against_samples_of_the_disc():
             chords += [np.stack([-c * a - t * b, -c * b + t * a], axis=1)] if a or b else []
         points = np.concatenate([inner, np.stack([np.cos(rim), np.sin(rim)], axis=1), *chords])
         points = points[(points**2).sum(axis=1) <= 1 + 1e-12]
-        points = points[(at(lines[k, 1:, None], points) >= -1e-12).all(axis=0)]
-        least = at(lines[k, 0], points).min(initial=np.inf)
+        points = points[(evaluate(lines[k, 1:, None], points) >= -1e-12).all(axis=0)]
+        least = evaluate(lines[k, 0], points).min(initial=np.inf)
         assert depth[k] == least == np.inf or 0 <= least - depth[k] < tol.FEATURE_SAMPLED, (k, depth[k], least)
 
 
@@ -126,22 +126,22 @@ def test_what_cannot_be_cut_is_said():
     assert cut.notes == (
         "before",
         "cut 4 of 5 splats off along 4 edges",
-        "left out 1 clip lines of splats that have two which cut deeper",
+        "dropped 1 clip lines of splats with two deeper ones",
         "1 pairs of splats are parallel and have no clip line",
     )
     # Lines that are there already compete; of the first splat nothing is left.
     again = Splats(center, u, v, clip=np.where(np.arange(5)[:, None, None] == 0, [[0, -2, -4], [0, 0, 0]], 0.0))
     gone = clip_lines(again, [(0, 1)])
     np.testing.assert_allclose(gone.clip[0], [(0, -1, -2), (0, 0, 0)])
-    assert gone.notes[-1] == "clip lines leave nothing of 1 splats"
+    assert gone.notes[-1] == "cut 1 splats off entirely"
     assert len(clip_lines(splats, [])) == 5 and not clip_lines(splats, []).clip.any()
 
 
 @pytest.mark.parametrize(
     ("pairs", "message"),
     [
-        ([(0, 24)], r"pair 0 is of splats 0 and 24; they must be two of 24 \(0 to 23\)"),
-        ([(0, 1), (3, 3)], "pair 1 is of splats 3 and 3"),
+        ([(0, 24)], r"pair 0 has splats 0 and 24; they must be two of 24 \(0 to 23\)"),
+        ([(0, 1), (3, 3)], "pair 1 has splats 3 and 3"),
         ([(0.0, 1.0)], r"pairs are float64 of shape \(1, 2\); they must be integers, \(P, 2\)"),
         ([1, 2], r"shape \(2,\)"),
     ],

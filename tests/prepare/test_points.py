@@ -206,12 +206,12 @@ def test_given_radius_makes_circles_about_the_normal():
     assert splats.notes == ()
     bare = splats_from_points(points, radius=0.25)
     np.testing.assert_allclose(np.linalg.norm(bare.tangent_v, axis=1), 0.25)
-    assert bare.notes == ("estimated normals (PCA, 20 neighbours) for 500 points",)
+    assert bare.notes == ("estimated normals (PCA, 20 neighbors) for 500 points",)
 
 
 def test_note_names_what_was_estimated():
     (note,) = splats_from_points(grid(20, 20)).notes
-    assert note == "estimated normals (PCA, 20 neighbours) and radii (median 0.742) for 400 points"
+    assert note == "estimated normals (PCA, 20 neighbors) and radii (median 0.742) for 400 points"
 
 
 @pytest.mark.parametrize(

@@ -185,10 +185,10 @@ def test_framing_from_the_poles_goes_on_from_the_elevations_before(up, azimuth):
         ({"elevation": float("nan")}, "elevation nan must be between -90 and 90 degrees"),
         ({"azimuth": float("inf")}, "azimuth inf must be finite"),
         ({"fov_y": 180}, "fov_y 180 must be between 0 and 180 degrees"),
-        ({"up": (0, 0, 0)}, "up (0, 0, 0) is not a direction"),
-        ({"height": 0}, "image size 512x0 is outside 1x1 to 16384x16384"),
+        ({"up": (0, 0, 0)}, "up (0, 0, 0) must be a direction; it has no length"),
+        ({"height": 0}, "image size 512x0 must be between 1x1 and 16384x16384"),
         ({"sphere": ((0, 0, 0), float("nan"))}, "radius nan must be finite and not negative"),
-        ({"sphere": ((0, 0), 1)}, "center (0, 0) is not three finite numbers"),
+        ({"sphere": ((0, 0), 1)}, "center (0, 0) must be three finite numbers"),
     ],
 )
 def test_framing_names_only_what_is_wrong(changes, message):

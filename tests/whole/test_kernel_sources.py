@@ -8,10 +8,11 @@ from graphlib import CycleError, TopologicalSorter
 from importlib.resources import files
 
 import pytest
-from splatcl.program import INCLUDE, Program, file_of
 
-from splatcl import layout, program
 from splatcl.errors import DeviceError
+from splatcl.opencl.device import program
+from splatcl.opencl.device import structs as layout
+from splatcl.opencl.device.program import INCLUDE, Program, file_of
 
 FOLDERS = ("arithmetic", "splat", "projection", "shading", "passes", "evidence", "bench")
 """A file includes only headers of its own folder and of folders before it."""

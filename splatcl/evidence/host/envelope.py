@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from splatcl.errors import SettingsError
 from splatcl.evidence.host.pairs import MAX_MARGIN, Fragments, Pairs, bands, fragments
-from splatcl.oracle.buffers import ProjectedSplats
+from splatcl.oracle.buffers import Array, ProjectedSplats
 from splatcl.oracle.geometry.fragments import kernel_weight
 from splatcl.oracle.geometry.rays import UNIT
 from splatcl.oracle.project import project
@@ -23,7 +23,6 @@ from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
 
-Array = NDArray[Any]
 TOLERANCE = 32.0
 """Default tolerance, in units of each decision's own rounding error."""
 MAX_STEPS = 64

@@ -1,4 +1,4 @@
-"""Colours as files store them, to linear RGB."""
+"""Colors as files store them, to linear RGB."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def srgb_to_linear(color: NDArray[Any]) -> NDArray[np.float32]:
 
 
 def linear_color(color: NDArray[Any], note: list[str]) -> NDArray[Any]:
-    """Return linear RGB for colour as a file stores it.
+    """Return linear RGB for color as a file stores it.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def linear_color(color: NDArray[Any], note: list[str]) -> NDArray[Any]:
     if color.dtype.kind == "f":
         if color.size and np.nanmax(color, initial=0.0) > 16.0:
             note.append(
-                f"float colours reach {np.nanmax(color):.6g} and were taken as linear; 8-bit colours "
+                f"float colors reach {np.nanmax(color):.6g} and were taken as linear; 8-bit colors "
                 "belong in integer properties"
             )
         return color
@@ -49,5 +49,5 @@ def linear_integers(color: NDArray[Any], white: int) -> NDArray[np.float32]:
 
 
 def is_8bit(color: NDArray[Any]) -> bool:
-    """Return whether integer colours have 255 as their white."""
+    """Return whether integer colors have 255 as their white."""
     return color.dtype.itemsize == 1 or (color.dtype.itemsize > 2 and color.max(initial=0) <= 255)

@@ -13,7 +13,7 @@ from splatcl.io.readers.model import Model
 
 COLUMNS = frozenset(("x", "y", "z", "scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3"))
 SH_C0 = 0.28209479177387814
-"""The constant spherical harmonic: colour = 0.5 + SH_C0 f_dc."""
+"""The constant spherical harmonic: color = 0.5 + SH_C0 f_dc."""
 NUM_SIGMA = 2.0
 """A disc's rim, in standard deviations."""
 
@@ -21,7 +21,7 @@ NUM_SIGMA = 2.0
 def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], notes: list[str]) -> Model:
     """Make splats of Gaussians: the disc of the two longest axes, out to 2 sigma.
 
-    Scales are logarithms, the quaternion is w x y z, and the colour is the constant term of spherical harmonics,
+    Scales are logarithms, the quaternion is w x y z, and the color is the constant term of spherical harmonics,
     sRGB. Opacity has no meaning for an opaque surface and is ignored.
     """
     num_axes = 3 if "scale_2" in columns else 2
@@ -38,7 +38,7 @@ def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], notes:
     elif all(name in columns for name in ("red", "green", "blue")):
         color = linear_color(np.stack([columns[n] for n in ("red", "green", "blue")], axis=1), notes)
     ignored = ["opacity"] if "opacity" in columns else []
-    ignored += ["view-dependent colour (f_rest)"] if "f_rest_0" in columns else []
+    ignored += ["view-dependent color (f_rest)"] if "f_rest_0" in columns else []
     also = f"; ignored {' and '.join(ignored)}" if ignored else ""
     notes.append(f"read Gaussians as opaque discs of {NUM_SIGMA:g} sigma{also}")
     return Model(
@@ -53,7 +53,7 @@ def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], notes:
 
 
 def _stack(columns: dict[str, NDArray[Any]], prefix: str, num: int) -> NDArray[np.float64]:
-    with np.errstate(invalid="ignore"):  # signalling NaN
+    with np.errstate(invalid="ignore"):  # signaling NaN
         return np.stack([columns[f"{prefix}{i}"] for i in range(num)], axis=1).astype(np.float64)
 
 

@@ -18,9 +18,9 @@ RGB = ("red", "green", "blue")
 
 
 def read_las(path: Path) -> Model:
-    """Read a LAS or LAZ file: float64 coordinates, 16-bit sRGB colours.
+    """Read a LAS or LAZ file: float64 coordinates, 16-bit sRGB colors.
 
-    Many writers put 8-bit colours into the 16-bit fields; where no value is above 255 they are taken as such.
+    Many writers put 8-bit colors into the 16-bit fields; where no value is above 255 they are taken as such.
 
     Raises
     ------
@@ -42,12 +42,12 @@ def read_las(path: Path) -> Model:
     if len(points) != announced:
         raise FileError(f"{path}: announces {announced} points but has {len(points)}; it was cut")
     if color is not None and not color.any():
-        notes.append("ignored colours: all are zero")
+        notes.append("ignored colors: all are zero")
         color = None
     if color is not None:
         eight = color.max() <= 255
         if eight:
-            notes.append("colours are 8-bit values in 16-bit fields")
+            notes.append("colors are 8-bit values in 16-bit fields")
         color = linear_integers(color, 255 if eight else 65535)
     return Model(path, kind, points, color=color, notes=tuple(notes))
 

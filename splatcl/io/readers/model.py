@@ -20,7 +20,7 @@ from splatcl.prepare.meshes import face_out_of_range
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Points, a mesh or splats as a file holds them; colours are already linear.
+    """Points, a mesh or splats as a file holds them; colors are already linear.
 
     Parameters
     ----------

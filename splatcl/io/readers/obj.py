@@ -1,6 +1,6 @@
 """OBJ meshes and points.
 
-trimesh reads OBJ as well, but rounds vertex colours to 8 bits, cuts lines of unequal length to the shortest
+trimesh reads OBJ as well, but rounds vertex colors to 8 bits, cuts lines of unequal length to the shortest
 without a word, and counts relative indices from the file's end; so vertices and faces are read here.
 """
 
@@ -23,7 +23,7 @@ WIDTHS = {3: 3, 4: 3, 6: 6, 7: 6}
 
 
 def read_obj(path: Path) -> Model:
-    """Read the vertices (with linear colours), faces and, for bare points, normals of an OBJ file.
+    """Read the vertices (with linear colors), faces and, for bare points, normals of an OBJ file.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def _vertex(path: Path, number: int, key: str, words: list[str]) -> list[float]:
         raise FileError(f"{path}: line {number}: {error}") from None
     width = WIDTHS.get(len(values), 0) if key == "v" else 3 * (len(values) == 3)
     if not width:
-        raise FileError(f"{path}: line {number}: '{key}' has {len(values)} numbers; it needs 3 (or 6 with colour)")
+        raise FileError(f"{path}: line {number}: '{key}' has {len(values)} numbers; it needs 3 (or 6 with color)")
     return values[:width]
 
 
@@ -85,5 +85,5 @@ def _face(path: Path, number: int, words: list[str], num_vertices: int) -> list[
 def _vertices(path: Path, rows: list[list[float]]) -> NDArray[Any]:
     widths = {len(row) for row in rows}
     if widths == {3, 6}:
-        raise FileError(f"{path}: some vertices have colours and some have not; give all of them one or none")
+        raise FileError(f"{path}: some vertices have colors and some have not; give all of them one or none")
     return np.array(rows, np.float64).reshape(len(rows), max(widths, default=3))

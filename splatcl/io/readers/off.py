@@ -1,4 +1,4 @@
-"""OFF and COFF meshes. trimesh reads them without their colours."""
+"""OFF and COFF meshes. trimesh reads them without their colors."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from splatcl.io.readers.model import Model
 from splatcl.io.readers.polygons import triangulate
 
 HEADERS = {"OFF": 3, "COFF": 3, "NOFF": 6, "CNOFF": 6}
-"""Numbers before the colour on a vertex line."""
+"""Numbers before the color on a vertex line."""
 
 
 def read_off(path: Path) -> Model:
-    """Read an OFF file: vertices, polygons, and colours (integers are 8-bit sRGB, decimals linear) of either.
+    """Read an OFF file: vertices, polygons, and colors (integers are 8-bit sRGB, decimals linear) of either.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def _floats(path: Path, number: int, text: str) -> list[float]:
 
 
 def _faces(path: Path, lines: list[tuple[int, str]]) -> tuple[list[list[int]], NDArray[np.float64] | None]:
-    """Return polygons, and (F, 3) colours where every face has one."""
+    """Return polygons, and (F, 3) colors where every face has one."""
     polygons, colors = [], []
     for number, text in lines:
         words = text.split()

@@ -105,8 +105,8 @@ def _stack(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> Any:
 
 
 def _unpack(path: Path, name: str, column: NDArray[Any]) -> NDArray[np.uint8]:
-    """Return (N, 3) bytes of colours packed as 0xRRGGBB into 4 bytes of any type."""
+    """Return (N, 3) bytes of colors packed as 0xRRGGBB into 4 bytes of any type."""
     if column.dtype.itemsize != 4:
-        raise FileError(f"{path}: field {name} has {column.dtype.itemsize} bytes; a packed colour has 4")
+        raise FileError(f"{path}: field {name} has {column.dtype.itemsize} bytes; a packed color has 4")
     bits = np.ascontiguousarray(column).view(np.uint32)
     return (np.stack([bits >> 16, bits >> 8, bits], axis=1) & 255).astype(np.uint8)

@@ -28,7 +28,7 @@ MAX_HEADER = 1 << 20
 def read_ply(path: Path) -> Model:
     """Read a PLY file: ASCII or binary of either byte order, with any further properties and elements.
 
-    8- and 16-bit colours are sRGB and become linear; float colours are linear already.
+    8- and 16-bit colors are sRGB and become linear; float colors are linear already.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def _first(
 
 
 def _faces(path: Path, elements: dict[str, Any], notes: list[str]) -> tuple[Any, Any]:
-    """Return (F, 3) triangles and their (F, 3) stored colours; None where there are none."""
+    """Return (F, 3) triangles and their (F, 3) stored colors; None where there are none."""
     if "tristrips" in elements:
         lists = _columns(elements["tristrips"], scalar=False)
         strips = next((lists[name] for name in INDEX_LISTS if name in lists), None)

@@ -43,7 +43,7 @@ def read_stl(path: Path) -> Model:
 
 
 def read_glb(path: Path) -> Model:
-    """Read all meshes and points of a GLB scene, each placed by its nodes; colours are linear.
+    """Read all meshes and points of a GLB scene, each placed by its nodes; colors are linear.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def _model(path: Path, kind: str, scene: Any, notes: list[str]) -> Model:
 
 
 def _color(geometry: Any) -> NDArray[np.float32] | None:
-    """Return (V, 3) linear colours of the vertices, else of the material, or None."""
+    """Return (V, 3) linear colors of the vertices, else of the material, or None."""
     visual = geometry.visual
     factor = getattr(getattr(visual, "material", None), "baseColorFactor", None)
     color = None
@@ -119,6 +119,6 @@ def _color(geometry: Any) -> NDArray[np.float32] | None:
         color = np.tile(np.asarray(factor[:3], np.float32) / np.float32(255), (len(geometry.vertices), 1))
     if getattr(visual, "kind", None) == "vertex":
         stored = np.asarray(visual.vertex_colors, np.float32)
-        if stored.shape == (len(geometry.vertices), 4):  # points without colours have an odd shape
+        if stored.shape == (len(geometry.vertices), 4):  # points without colors have an odd shape
             color = stored[:, :3] / np.float32(255)
     return color

@@ -27,7 +27,7 @@ DECIMAL_COMMAS = re.compile(r"[+-]?\d+,\d+(?:[\s;]+[+-]?\d+,\d+)+")
 
 
 def read_text(path: Path) -> Model:
-    """Read one point per line: x y z, then normals and colours where there are more numbers.
+    """Read one point per line: x y z, then normals and colors where there are more numbers.
 
     Numbers are parsed as float64, separated by blanks, commas, semicolons or tabs; ``#`` and ``//`` begin a
     comment; the first line may hold the number of points or name the columns, which are guessed with a note where
@@ -209,6 +209,6 @@ def _model(path: Path, table: NDArray[np.float64], names: list[str], notes: list
 
 
 def _are_bytes(color: NDArray[np.float64]) -> bool:
-    """Return whether colours are whole numbers to 255, not all of them 0 or 1."""
+    """Return whether colors are whole numbers to 255, not all of them 0 or 1."""
     with np.errstate(invalid="ignore"):
         return bool(((color >= 0) & (color <= 255) & (color == np.floor(color))).all() and (color > 1).any())

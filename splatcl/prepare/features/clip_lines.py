@@ -1,4 +1,7 @@
-"""Clip lines: where planes cut discs, and which two of a disc's lines are kept."""
+"""Clip lines: the lines in which planes cut discs, and the choice of two lines for each disc ([ZRB04] section 4).
+
+A line (a, b, c) keeps the half plane a u + b v + c >= 0, in disc coordinates. It is normalized if |(a, b)| = 1.
+"""
 
 from __future__ import annotations
 
@@ -14,40 +17,40 @@ from splatcl.scene.splats import Splats
 
 Array = NDArray[Any]
 MIN_SINE = 1e-6
-"""Planes meet in a line if the sine of their angle is larger: below it, discs stored in float32 are parallel."""
+"""Least sine of the angle of two planes that meet in a line: below it, discs stored in float32 are parallel."""
 LEAST_CUT = 1e-6
-"""A line that cuts less deep than this share of a disc's radius cuts nothing."""
+"""Least depth of a cut, disc coordinates: a line that cuts less deep cuts nothing."""
 MAX_LINES = 2
-"""Lines of a splat."""
+"""Largest number of lines of a splat."""
 
 
 def clip_lines(splats: Splats, pairs: ArrayLike, convex: ArrayLike | None = None) -> Splats:
     """Cut pairs of splats off along the line in which their planes meet.
 
-    Both splats of a pair get the same line in space, each in its own disc coordinates: the edge that they share.
-    Of a convex edge each splat keeps what is behind the other's plane, of a concave one what is before it.
+    Both splats of a pair get the same line in space, their common edge, each in its own disc coordinates. At a convex
+    edge each splat keeps its part behind the other's plane; at a concave edge, its part in front of it.
 
     Parameters
     ----------
     splats : Splats
-        Lines that they have already compete with the new ones.
+        Existing clip lines compete with the new ones.
     pairs : (P, 2) int array
         Indices of splats on different sides of an edge.
     convex : bool or (P,) bool array, optional
-        Whether the edge of each pair is convex (less than 180 degrees of solid). Where omitted it is if the two
-        normals point away from each other, (n_j - n_i).(c_j - c_i) > 0.
+        Whether the edge of each pair is convex (less than 180 degrees of solid). By default an edge is convex if the
+        two normals point away from each other: (n_j - n_i).(c_j - c_i) > 0.
 
     Returns
     -------
     Splats
-        The same in the same order with `clip`: float64 rows (a, b, c) with |(a, b)| = 1, so that c is the centre's
-        distance from the line in disc coordinates. A splat keeps the two lines that cut deepest; the notes count
-        lines that could not be kept, pairs of parallel planes and splats of which nothing is left.
+        The same splats with `clip`: float64 rows (a, b, c) with |(a, b)| = 1, so that c is the center's distance from
+        the line in disc coordinates. A splat keeps the two lines that cut deepest. The notes count dropped lines,
+        pairs of parallel planes, and splats that the lines cut off entirely.
 
     Raises
     ------
     InvalidSplatsError
-        Pairs of the wrong shape, out of range, or of a splat with itself.
+        `pairs` has a wrong shape, an index is out of range, or a pair names one splat twice.
     """
     i, j = _pairs(pairs, len(splats)).T
     center, normal = splats.center.astype(np.float64), splats.normal
@@ -68,25 +71,25 @@ def clip_lines(splats: Splats, pairs: ArrayLike, convex: ArrayLike | None = None
     notes = [f"cut {np.count_nonzero(clip.any(axis=(1, 2)))} of {len(splats)} splats off along {len(i)} edges"]
     notes += lost_note(int(np.count_nonzero(lost)))
     gone = int(np.count_nonzero(cut_depth(np.zeros((len(splats), 3)), clip) > 0))
-    notes += [f"clip lines leave nothing of {gone} splats"] if gone else []
+    notes += [f"cut {gone} splats off entirely"] if gone else []
     notes += [f"{parallel} pairs of splats are parallel and have no clip line"] if parallel else []
     return replace(splats, clip=clip, notes=(*splats.notes, *notes), on_invalid="error")
 
 
 def plane_lines(center: Array, tangent_u: Array, tangent_v: Array, point: Array, normal: Array) -> Array:
-    """Return the lines that keep the part of each disc on one side of a plane.
+    """Return the lines that keep the part of each disc on the positive side of a plane.
 
     Parameters
     ----------
     center, tangent_u, tangent_v : (N, 3) float64 arrays
-        Discs, world space; the tangents at right angles.
+        Discs, world space, with orthogonal tangents.
     point, normal : (N, 3) float64 arrays
-        A point of each plane, and its unit normal, which points to the side that is kept.
+        A point of each plane, world space, and the unit normal toward the kept side.
 
     Returns
     -------
     (N, 3) float64 array
-        Rows (a, b, c) with |(a, b)| = 1, a u + b v + c >= 0 where the disc is kept; zeros where it is parallel.
+        Normalized lines; zeros for a disc parallel to its plane.
     """
     a, b = ((normal * tangent).sum(axis=1) for tangent in (tangent_u, tangent_v))
     c = (normal * (center - point)).sum(axis=1)
@@ -95,53 +98,53 @@ def plane_lines(center: Array, tangent_u: Array, tangent_v: Array, point: Array,
 
 
 def normalize(lines: Array) -> Array:
-    """Return (N, 3) float64 lines with |(a, b)| = 1; zeros stay zeros."""
+    """Scale (N, 3) lines to |(a, b)| = 1, float64; zeros stay zeros."""
     lines = lines.astype(np.float64)
     length = np.hypot(lines[:, 0], lines[:, 1])[:, None]
     return np.where(length > 0, lines / np.where(length > 0, length, 1.0), 0.0)
 
 
 def cut_depth(lines: Array, clip: Array) -> Array:
-    """Return the least a u + b v + c of each line over what is left of its disc.
+    """Return the least value a u + b v + c of each line over the clipped disc.
 
     Parameters
     ----------
     lines : (N, 3) float64 array
-        Normalised lines.
+        Normalized lines.
     clip : (N, 2, 3) float64 array
-        Normalised lines that the discs are cut off by already; zeros cut nothing.
+        Normalized clip lines of the discs; zeros cut nothing.
 
     Returns
     -------
     (N,) float64 array
-        -d where the line cuts d deep, >= 0 where it cuts nothing, +inf where nothing is left of the disc.
+        Disc coordinates: -d for a line that cuts d deep, >= 0 for one that cuts nothing, +inf for an empty disc.
     """
-    # A linear function is least at the rim or where lines meet the rim or each other.
-    corners = [-lines[:, None, :2], *(_rim(clip[:, k]) for k in range(MAX_LINES)), _meeting(clip)[:, None]]
+    # A linear function is least on the rim, at an intersection of a clip line with the rim, or at that of two lines.
+    corners = [-lines[:, None, :2], *(_rim_points(clip[:, k]) for k in range(MAX_LINES)), _intersection(clip)[:, None]]
     points = np.concatenate(corners, axis=1)
     with np.errstate(invalid="ignore"):
-        left = (points**2).sum(axis=2) <= 1 + 1e-12
+        kept = (points**2).sum(axis=2) <= 1 + 1e-12
         for k in range(MAX_LINES):
-            left &= at(clip[:, None, k], points) >= -1e-12
-        return np.where(left, at(lines[:, None], points), np.inf).min(axis=1, initial=np.inf)
+            kept &= evaluate(clip[:, None, k], points) >= -1e-12
+        return np.where(kept, evaluate(lines[:, None], points), np.inf).min(axis=1, initial=np.inf)
 
 
-def at(lines: Array, points: Array) -> Array:
-    """Return a u + b v + c of (..., 3) lines at (..., 2) points."""
+def evaluate(lines: Array, points: Array) -> Array:
+    """Return a u + b v + c of (..., 3) lines at (..., 2) points, disc coordinates."""
     value: Array = (lines[..., :2] * points).sum(axis=-1) + lines[..., 2]
     return value
 
 
-def _rim(line: Array) -> Array:
-    """Return the (N, 2, 2) points where (N, 3) lines meet the unit circle, NaN where they do not."""
+def _rim_points(line: Array) -> Array:
+    """Return the (N, 2, 2) intersections of (N, 3) lines with the unit circle; NaN without an intersection."""
     a, b, c = line.T
     with np.errstate(invalid="ignore"):
         half = np.sqrt(np.where(line.any(axis=1), 1 - c * c, np.nan))
     return np.stack([np.stack([s * -b * half - a * c, s * a * half - b * c], axis=1) for s in (-1, 1)], axis=1)
 
 
-def _meeting(clip: Array) -> Array:
-    """Return the (N, 2) points where two lines meet, NaN or infinite where they do not."""
+def _intersection(clip: Array) -> Array:
+    """Return the (N, 2) intersections of the two lines of each disc; NaN or infinite for parallel lines."""
     x, y, w = np.cross(clip[:, 0], clip[:, 1]).T
     with np.errstate(divide="ignore", invalid="ignore"):
         return np.stack([x / w, y / w], axis=1)
@@ -150,24 +153,26 @@ def _meeting(clip: Array) -> Array:
 def keep_deepest(
     owner: Array, lines: Array, num: int, needed: Callable[[Array], Array] | None = None
 ) -> tuple[Array, Array]:
-    """Choose for each splat the line that cuts deepest, and the one that then cuts deepest into what is left.
+    """Choose two lines for each splat: the one that cuts deepest, then the one that cuts deepest into the rest.
 
     Parameters
     ----------
     owner : (L,) int array
         The splat of each line.
     lines : (L, 3) float64 array
-        Normalised lines.
+        Normalized lines.
     num : int
         Number of splats.
     needed : callable, optional
-        Which lines count, (L,) bool, given the (L, 2, 3) lines that their splats have so far; all where omitted.
+        Maps the (L, 2, 3) lines chosen so far for each line's splat to (L,) bool: whether the line counts. By default
+        all lines count.
 
     Returns
     -------
     clip : (num, 2, 3) float64 array
+        Normalized lines; zeros cut nothing.
     lost : (L,) bool array
-        Lines that were not chosen though they would cut more off.
+        Lines that were not chosen although they would cut more off.
     """
     clip = np.zeros((num, MAX_LINES, 3))
 
@@ -185,12 +190,12 @@ def keep_deepest(
 
 
 def lost_note(num: int) -> list[str]:
-    """Say how many lines could not be kept; nothing where all were."""
-    return [f"left out {num} clip lines of splats that have two which cut deeper"] if num else []
+    """Return a note on the number of lost lines, or no note."""
+    return [f"dropped {num} clip lines of splats with two deeper ones"] if num else []
 
 
 def _pairs(pairs: ArrayLike, num: int) -> NDArray[np.intp]:
-    """Return checked (P, 2) pairs."""
+    """Check the pairs of splats, indices below `num`; return them as a (P, 2) array."""
     array = np.asarray(pairs)
     if not array.size:
         array = np.empty((0, 2), np.intp)
@@ -200,6 +205,6 @@ def _pairs(pairs: ArrayLike, num: int) -> NDArray[np.intp]:
     if bad.any():
         k = int(np.flatnonzero(bad)[0])
         raise InvalidSplatsError(
-            f"pair {k} is of splats {array[k, 0]} and {array[k, 1]}; they must be two of {num} (0 to {num - 1})"
+            f"pair {k} has splats {array[k, 0]} and {array[k, 1]}; they must be two of {num} (0 to {num - 1})"
         )
     return array.astype(np.intp)

@@ -1,4 +1,4 @@
-"""Solids of planes, spheres and tubes, joined by ``|``, ``&`` and ``-``."""
+"""Solids of planes, spheres and tubes, combined with ``|``, ``&`` and ``-`` (constructive solid geometry)."""
 
 from __future__ import annotations
 
@@ -15,32 +15,33 @@ from splatcl.scene.splats import DEFAULT_COLOR
 
 Array = NDArray[Any]
 Flags = Sequence[Any]
-"""Whether a place is inside of each surface of a solid: bools or arrays of them."""
+"""One entry for each surface of a solid: whether a point is inside of it; a bool or an array of bools."""
 Discs = tuple[Array, Array, Array]
-"""Centres and tangents, (N, 3) float64; the normal u x v points out of the surface."""
+"""Centers and tangents, (N, 3) float64, world space; the normal u x v points out of the surface."""
 OVERLAP = 1.05
-"""Discs are larger by this than the least that covers their part of a surface."""
+"""Ratio of a disc's size to the least size that covers its part of a surface."""
 
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """A plane, a sphere or an endless tube, and discs that cover what a primitive needs of it."""
+    """A plane, a sphere or an endless tube, and the discs that cover its primitive's part of it."""
 
     nearest: Callable[[Array], tuple[Array, Array]]
-    """(N, 3) places -> (N,) distances, negative inside, and the (N, 3) unit normals where the surface is nearest."""
+    """(N, 3) points -> (N,) distances, negative inside, and (N, 3) unit normals at the nearest surface points."""
     discs: Callable[[float], Discs]
     """Spacing, scene units -> discs."""
     color: Array
-    """(3,) linear RGB."""
+    """(3,) linear RGB of the splats."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """What is inside of a combination of surfaces; ``a | b``, ``a & b`` and ``a - b`` combine solids."""
+    """The inside of a combination of surfaces; ``a | b``, ``a & b`` and ``a - b`` combine solids."""
 
     surfaces: tuple[Surface, ...]
+    """The surfaces of all primitives."""
     contains: Callable[[Flags], Any]
-    """Whether the solid holds a place, given whether the place is inside of each surface."""
+    """Flags of a point, inside or outside of each surface -> whether the solid contains the point."""
 
     def __or__(self, other: Solid) -> Solid:
         return self._joined(other, lambda a, b: a | b)
@@ -59,22 +60,28 @@ class Solid:
         )
 
     def inside(self, points: ArrayLike) -> Array:
-        """Return (N,) bool: whether the solid holds the (N, 3) points, world space."""
-        places = np.asarray(points, np.float64)
-        flags: Array = self.contains([surface.nearest(places)[0] <= 0 for surface in self.surfaces])
+        """Return (N,) bool: whether the solid contains the (N, 3) points, world space."""
+        array = np.asarray(points, np.float64)
+        flags: Array = self.contains([surface.nearest(array)[0] <= 0 for surface in self.surfaces])
         return flags
 
 
 def box(center: ArrayLike, size: ArrayLike, color: ArrayLike = DEFAULT_COLOR) -> Solid:
-    """Return a box whose edges are along the axes.
+    """Make a box with edges along the axes.
 
     Parameters
     ----------
     center : (3,) float
+        World space.
     size : (3,) float
         Lengths of the edges, scene units.
     color : (3,) float
-        Linear RGB of its splats.
+        Linear RGB of the splats.
+
+    Raises
+    ------
+    SettingsError
+        An argument is not three finite numbers, or a length is not positive.
     """
     middle, half, rgb = _vector("center", center), 0.5 * _vector("size", size), _vector("color", color)
     _positive("size", *half)
@@ -88,15 +95,21 @@ def box(center: ArrayLike, size: ArrayLike, color: ArrayLike = DEFAULT_COLOR) ->
 
 
 def sphere(center: ArrayLike, radius: float, color: ArrayLike = DEFAULT_COLOR) -> Solid:
-    """Return a ball.
+    """Make a ball.
 
     Parameters
     ----------
     center : (3,) float
+        World space.
     radius : float
         Scene units.
     color : (3,) float
-        Linear RGB of its splats.
+        Linear RGB of the splats.
+
+    Raises
+    ------
+    SettingsError
+        `center` or `color` is not three finite numbers, or `radius` is not positive.
     """
     middle, rgb = _vector("center", center), _vector("color", color)
     _positive("radius", radius)
@@ -114,7 +127,7 @@ def sphere(center: ArrayLike, radius: float, color: ArrayLike = DEFAULT_COLOR) -
         columns = np.maximum(np.ceil(2 * np.pi * radius * widest / spacing), 4).astype(np.intp)
         lat, width = np.repeat(latitude, columns), np.repeat(2 * np.pi / columns, columns)
         lon = width * (np.arange(len(lat)) - np.repeat(np.cumsum(columns) - columns, columns))
-        # The farthest place of a cell is a corner; seen from the middle it is on the disc's rim.
+        # A cell's farthest point is a corner. Seen from the sphere's center, the disc's rim passes through it.
         cosine = np.min(
             [
                 np.sin(lat) * np.sin(lat + s) + np.cos(lat) * np.cos(lat + s) * np.cos(width / 2)
@@ -131,16 +144,21 @@ def sphere(center: ArrayLike, radius: float, color: ArrayLike = DEFAULT_COLOR) -
 
 
 def cylinder(start: ArrayLike, end: ArrayLike, radius: float, color: ArrayLike = DEFAULT_COLOR) -> Solid:
-    """Return a round cylinder.
+    """Make a round cylinder.
 
     Parameters
     ----------
     start, end : (3,) float
-        The middles of its two ends.
+        Centers of the two ends, world space.
     radius : float
         Scene units.
     color : (3,) float
-        Linear RGB of its splats.
+        Linear RGB of the splats.
+
+    Raises
+    ------
+    SettingsError
+        `start`, `end` or `color` is not three finite numbers, or `radius` or the length is not positive.
     """
     bottom, top, rgb = _vector("start", start), _vector("end", end), _vector("color", color)
     length = float(np.linalg.norm(top - bottom))
@@ -171,7 +189,7 @@ def cylinder(start: ArrayLike, end: ArrayLike, radius: float, color: ArrayLike =
 
 
 def _plane(center: Array, u: Array, v: Array, color: Array) -> Surface:
-    """Return the plane with the normal u x v, covered as far as center +- u +- v."""
+    """Make a plane with the normal u x v; its discs cover the rectangle center +- u +- v."""
     normal = np.cross(u, v)
     normal /= np.linalg.norm(normal)
 
@@ -182,14 +200,15 @@ def _plane(center: Array, u: Array, v: Array, color: Array) -> Surface:
         wide, high = (_steps(2 * float(np.linalg.norm(t)), spacing, 1) for t in (u, v))
         a, b = ((2 * np.arange(n) + 1) / n - 1 for n in (wide, high))
         grid = np.stack(np.meshgrid(a, b, indexing="ij"), axis=-1).reshape(-1, 2)
-        place = center + grid[:, :1] * u + grid[:, 1:] * v
+        centers = center + grid[:, :1] * u + grid[:, 1:] * v
         size = OVERLAP * np.sqrt(2)
-        return place, np.broadcast_to(size / wide * u, place.shape), np.broadcast_to(size / high * v, place.shape)
+        return centers, np.broadcast_to(size / wide * u, centers.shape), np.broadcast_to(size / high * v, centers.shape)
 
     return Surface(nearest, discs, color)
 
 
 def _all(flags: Flags) -> Any:
+    """Return whether all flags are set: the inside of a convex primitive."""
     inside = flags[0]
     for flag in flags[1:]:
         inside = inside & flag
@@ -197,11 +216,12 @@ def _all(flags: Flags) -> Any:
 
 
 def _steps(length: float, spacing: float, least: int) -> int:
+    """Return the number of steps of at most `spacing` along a length, at least `least`."""
     return max(int(np.ceil(length / spacing)), least)
 
 
 def _unit(vectors: Array, length: Array, otherwise: Array) -> Array:
-    """Return vectors over their lengths, and `otherwise` for those of none."""
+    """Divide vectors by their lengths; return `otherwise` for a vector of length 0."""
     return np.where(length[:, None] > 0, vectors / np.where(length > 0, length, 1.0)[:, None], otherwise)
 
 
