@@ -33,7 +33,7 @@ def paper(
     quick : bool
         Render images of half the size, under a minute once the kernels are built.
     docs : path
-        Folder for paper.md and its images, in place of --output. It needs all experiments.
+        Folder for trust/paper.md and images/paper_*.png, in place of --output. It needs all experiments.
     """
     import splatcl
     from splatcl.apps.paper.catalogue import chosen
