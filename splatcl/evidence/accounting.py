@@ -32,7 +32,7 @@ BEYOND_DOUBT = 32.0
 """Margin, in rounding errors, from which a float32 renderer decides as the oracle does (tests/tolerances.py)."""
 SPLATS_AT_ONCE = 1 << 18
 TARGET_TYPES = {"float16": np.float16, "float32": np.float32}
-ONE_LANE: dict[str, Any] = {"LANES": 1, "SHADING": 0, "FIELD": 0, "CHANNELS": 0, "SHADER": '"albedo.h"'}
+ONE_LANE: dict[str, Any] = {"LANES": 1, "SHADING": 0, "FIELD": 0, "CHANNELS": 0, "SHADER": '"shading/shaders/albedo.h"'}
 """Build options of kernels that take a splat and a pixel at a time, and only ask whether there is a fragment."""
 CHUNK = 4096
 """Records whose fragments a work-item counts."""

@@ -237,7 +237,7 @@ def _run(
     """Return the results of kernels/doctor.cl as integers, a row for each of `names`."""
     count, size = abcd.shape[1], abcd.itemsize
     defines = {f"ROW_{name}": row for row, name in enumerate(names)} | {"FMA": int("fma" in names)}
-    program = device.program("doctor.cl", "", LANES=lanes, DOUBLE=int(size == 8), **defines, **options)
+    program = device.program("evidence/doctor.cl", "", LANES=lanes, DOUBLE=int(size == 8), **defines, **options)
     with device.lock:
         given, results = device.buffer(abcd.nbytes), device.buffer(len(names) * count * size)
         device.write(given, abcd)

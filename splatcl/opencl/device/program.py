@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import cache
 from importlib.resources import files
 from typing import Any
 
@@ -16,6 +17,8 @@ PRAGMAS = """\
 #endif
 """
 """Before every program: no product is fused with a sum."""
+INCLUDE = re.compile(r'#include (?:"(.+)"|(\w+))')
+"""A header by its path below kernels/, or by the build option that names it."""
 
 
 class BuildError(DeviceError):
@@ -57,6 +60,27 @@ def _rounding_options(device: Any) -> list[str]:
     return ["-cl-fp32-correctly-rounded-divide-sqrt"] if can_be_asked else []
 
 
+def file_of(kernel: str) -> str:
+    """Return the source of `kernel`, which is named as its file or begins with that name: bin_count is in bin.cl."""
+    words, paths = kernel.split("_"), _sources()
+    names = ("_".join(words[:num]) for num in range(len(words), 0, -1))
+    return next(paths[name] for name in names if name in paths)
+
+
+@cache
+def _sources() -> dict[str, str]:
+    """Return the path below kernels/ of every .cl file, by its name."""
+    folders = (folder for folder in files("splatcl.kernels").iterdir() if folder.is_dir())
+    names = ((folder.name, file.name) for folder in folders for file in folder.iterdir())
+    return {name.removesuffix(".cl"): f"{folder}/{name}" for folder, name in names if name.endswith(".cl")}
+
+
+@cache
+def _lines(file: str) -> tuple[str, ...]:
+    """Return the lines of kernels/`file`."""
+    return tuple((files("splatcl.kernels") / file).read_text().splitlines())
+
+
 def inline_source(name: str, options: Mapping[str, str | int]) -> str:
     """Return kernels/`name` with its headers inlined once each; #line keeps errors at the real file and line."""
     done: set[str] = set()
@@ -66,8 +90,8 @@ def inline_source(name: str, options: Mapping[str, str | int]) -> str:
             return ""
         done.add(file)
         lines = [f'#line 1 "kernels/{file}"']
-        for number, line in enumerate((files("splatcl.kernels") / file).read_text().splitlines(), 1):
-            include = re.fullmatch(r'#include (?:"(.+)"|(\w+))', line)
+        for number, line in enumerate(_lines(file), 1):
+            include = INCLUDE.fullmatch(line)
             if include:
                 header = include[1] or options[include[2]]
                 text = header if isinstance(header, Text) else inline(str(header).strip('"'))

@@ -123,7 +123,7 @@ def _key(device: DeviceQueue, precision: Precision, lanes: tuple[int, ...]) -> s
     """Return a hash of all that the result depends on: the device, its driver, injected flags, and the test itself."""
     handle = device.info.handle
     facts = (device.info.platform, device.info.version, device.info.name, handle.driver_version, precision, lanes)
-    test = [Path(arithmetic.__file__).read_text(), program.inline_source("doctor.cl", {})]
+    test = [Path(arithmetic.__file__).read_text(), program.inline_source("evidence/doctor.cl", {})]
     return hashlib.sha256(repr((facts, injected_flags(), test)).encode()).hexdigest()[:24]
 
 

@@ -24,7 +24,13 @@ def attributes(context: PassContext, band: Band, gbuffer: GBuffer) -> None:
 def channels(context: PassContext, band: Band, values: Any, images: tuple[Any, Any]) -> None:
     """Fill the band's part of two (H, W, 3) images: means of six further channels, weighted as `attributes` does."""
     nothing = context.device.buffer(0)
-    options = {**band.projected.options, "FIELD": 0, "SHADING": 0, "CHANNELS": 1, "SHADER": '"albedo.h"'}
+    options = {
+        **band.projected.options,
+        "FIELD": 0,
+        "SHADING": 0,
+        "CHANNELS": 1,
+        "SHADER": '"shading/shaders/albedo.h"',
+    }
     _run_attributes(context, band, values, nothing, *images, nothing, nothing, **options)
 
 

@@ -10,6 +10,6 @@ def occlusion(context: PassContext, lists: TileLists, depth: DepthBuffer, epsilo
     """Find the entries behind the front layer, which is in `depth`, that cannot show (kernels/hide.cl)."""
     camera = context.camera
     context.run(
-        "hide", (lists.last_tile - lists.first_tile,), lists.keys, lists.start, lists.begin_buffer, lists.first_tile,
-        context.tiles_x, camera.width, camera.height, float(epsilon), depth.depth,
+        "occlusion", (lists.last_tile - lists.first_tile,), lists.keys, lists.start, lists.begin_buffer,
+        lists.first_tile, context.tiles_x, camera.width, camera.height, float(epsilon), depth.depth,
     )  # fmt: skip

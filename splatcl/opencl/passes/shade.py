@@ -84,7 +84,7 @@ def resolve(context: PassContext, view: Any, depth: DepthBuffer, gbuffer: GBuffe
     """Return buffers of what the sums say of the surface: P, N, albedo, depth.mean, depth.distance."""
     surface = {"P": 3, "N": 3, "albedo": 3, "depth.mean": 1, "depth.distance": 1}
     buffers = {name: context.image(channels) for name, channels in surface.items()}
-    _run_shade(context, "resolve", view, *_sums(depth, gbuffer), *buffers.values(), RESOLVED=0)
+    _run_shade(context, "shade_resolve", view, *_sums(depth, gbuffer), *buffers.values(), RESOLVED=0)
     return buffers
 
 
@@ -94,7 +94,7 @@ def _run_shade(context: PassContext, kernel: str, *args: Any, **options: int) ->
     # A user's shader has a file of its own; what is not deferred was lit before it was blended.
     shader = "albedo" if settings.shader == "user" or settings.shading != "deferred" else settings.shader
     options = {"GLOSS": 0, **light_options(settings), **options}
-    context.run(kernel, size, *args, SHADER=f'"{shader}.h"', **options)
+    context.run(kernel, size, *args, SHADER=f'"shading/shaders/{shader}.h"', **options)
 
 
 def _sums(depth: DepthBuffer, gbuffer: GBuffer) -> tuple[Any, ...]:

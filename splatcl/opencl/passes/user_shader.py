@@ -45,7 +45,7 @@ def run(context: PassContext, channels: Channels, light: tuple[Any, ...], *args:
     places = {name: (images.index(image), k) for name, (image, k) in channels.items()}
     try:
         context.run(
-            "user", size, *args, color, *images, *light, LANES=1, RESOLVED=1, **light_options(settings),
+            "user_shader", size, *args, color, *images, *light, LANES=1, RESOLVED=1, **light_options(settings),
             ATTRIBUTES=Text(_declarations(places, len(images))), USER_SHADER=Text(_code(settings)),
         )  # fmt: skip
     except BuildError as error:

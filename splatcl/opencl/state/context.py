@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splatcl.opencl.device.program import file_of
 from splatcl.opencl.device.strictness import Device
 from splatcl.opencl.device.structs import REAL, structs
 from splatcl.opencl.state.buffers import DepthBuffer, GBuffer, TileLists
@@ -57,13 +58,13 @@ class PassContext:
             "PREFILTER": PREFILTERS[settings.prefilter],
             "FIELD": int(settings.normals == "field"),
             "SHADING": SHADING[settings.shading],
-            "SHADER": f'"{"albedo" if settings.shading == "deferred" else settings.shader}.h"',
+            "SHADER": f'"shading/shaders/{"albedo" if settings.shading == "deferred" else settings.shader}.h"',
         }
         # Where what faces away is culled, little of one closed surface is hidden.
         self.layers = (EVERY,) if settings.facing == "cull" else (FRONT, BEHIND)
 
     def run(self, kernel: str, size: tuple[int, ...], *args: Any, group: int = 1, **options: str | int) -> None:
-        """Run `kernel` of the file that its name begins with, built for this frame, over `size` work-items.
+        """Run `kernel` (`program.file_of` finds its file), built for this frame, over `size` work-items.
 
         Python integers become int, Python floats the frame's real.
         """
@@ -74,11 +75,10 @@ class PassContext:
             **self.device.strictness.options(self.precision),
             "ORTHOGRAPHIC": int(self.camera.projection == "orthographic"),
         }
-        file = {"resolve": "shade.cl"}.get(kernel, kernel.split("_")[0] + ".cl")
         converted = [
             np.int32(a) if isinstance(a, int) else self.real.type(a) if isinstance(a, float) else a for a in args
         ]
-        program = self.device.program(file, self.declarations, **(common | options))
+        program = self.device.program(file_of(kernel), self.declarations, **(common | options))
         program(self.device.queue, kernel, size, group, *converted)
 
     def run_raster(self, kernel: str, lists: TileLists, *args: Any, **options: str | int) -> None:
