@@ -272,7 +272,7 @@ def test_the_documentation_shows_the_report_of_a_healthy_device():
 
 
 KERNELS = files("splatcl.kernels")
-INTEGER_DIVISORS = r"(?:(?:BLOCK|REGION)S?(?:_[XY])?|TILE|LANES|tiles_x|width)\b"
+INTEGER_DIVISORS = r"(?:(?:BLOCK|(?:PAIR_)?REGION)S?(?:_[XY])?|TILE|LANES|tiles_x|width)\b"
 
 
 @pytest.mark.parametrize(
