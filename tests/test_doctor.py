@@ -250,7 +250,7 @@ def test_the_command_line_reports(mutate, capsys, monkeypatch, tiny_golden):
 
 
 KERNELS = files("splatcl.kernels")
-INTEGER_DIVISORS = r"(?:(?:BLOCK|REGION)S?(?:_[XY])?|TILE|LANES|tiles_x|width)\b"
+INTEGER_DIVISORS = r"(?:(?:BLOCK|(?:PAIR_)?REGION)S?(?:_[XY])?|TILE|LANES|tiles_x|width)\b"
 
 
 @pytest.mark.parametrize(
