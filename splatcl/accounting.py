@@ -245,7 +245,7 @@ def _check_binning(faults: list[str], num_copies: int, num_listed: int, num_tile
 
 
 def _count_fragments(passes: Passes, view: Any, splats: ResidentSplats, depth: DepthBuffer, epsilon: float) -> int:
-    """Count the fragments splat by splat (kernels/accounting.cl)."""
+    """Count the fragments splat by splat (kernels/evidence/accounting.cl)."""
     (epsilon, along, _, inverse_radius2, _, _), options = pipeline.fragment_arguments(passes, epsilon)
     total = 0
     for lists in pipeline.in_order(passes, splats.num_splats):

@@ -1,7 +1,8 @@
-"""What a device's arithmetic computes, operation by operation, against NumPy's (kernels/doctor.cl).
+"""What a device's arithmetic computes, operation by operation, against NumPy's (kernels/evidence/doctor.cl).
 
 Every operation that the kernels rest on must give NumPy's bits: the correctly rounded ones. Division and square root
-may instead be our own (kernels/divide.h). Cases with subnormal numbers are set apart: see `Arithmetic.subnormals`.
+may instead be our own (kernels/arithmetic/divide.h). Cases with subnormal numbers are set apart: see
+`Arithmetic.subnormals`.
 """
 
 from __future__ import annotations
@@ -24,14 +25,14 @@ LANES: dict[Precision, tuple[int, ...]] = {"single": (1, 4, 8), "double": (1, 4)
 QUICK, THOROUGH = 4096, 65536
 NUMBERS_PER_ITEM = 512
 OWN = {"divide": "EXACT_DIVIDE", "reciprocal": "EXACT_DIVIDE", "square_root": "EXACT_SQRT"}
-"""Operations that kernels/divide.h can do by itself, and the build option that says whether the device's will do."""
+"""Operations that kernels/arithmetic/divide.h can replace, and the build option for the device's own."""
 UNUSED = 0x0DEAD0FF
 """What the device must overwrite."""
 
 
 @dataclass(frozen=True)
 class Operation:
-    """One row of kernels/doctor.cl.
+    """One row of kernels/evidence/doctor.cl.
 
     Parameters
     ----------
@@ -149,7 +150,7 @@ class Arithmetic:
     wrong : tuple of Finding
         Operations that differ from NumPy's: with any of these, images differ.
     replaced : tuple of Finding
-        The device's own division or square root, where kernels/divide.h does without.
+        The device's own division or square root, where kernels/arithmetic/divide.h does without.
     subnormals : tuple of Finding
         Operations that lose subnormal operands or results (below 1.2e-38 in single precision, 2.2e-308 in double).
     """
@@ -236,7 +237,7 @@ def _differs(got: Any, expected: Any) -> Any:
 def _run(
     device: DeviceQueue, abcd: NDArray[Any], lanes: int, names: list[str], options: dict[str, int]
 ) -> NDArray[Any]:
-    """Return the results of kernels/doctor.cl as integers, a row for each of `names`."""
+    """Return the results of kernels/evidence/doctor.cl as integers, a row for each of `names`."""
     count, size = abcd.shape[1], abcd.itemsize
     defines = {f"ROW_{name}": row for row, name in enumerate(names)} | {"FMA": int("fma" in names)}
     program = device.program("evidence/doctor.cl", "", LANES=lanes, DOUBLE=int(size == 8), **defines, **options)

@@ -45,9 +45,9 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
         "ProjectedExtra": _reals(real, "x", "y", "a", "b", "c", "ewa_a", "ewa_b", "ewa_c", "factor", *_CLIPS)
         + _reals(real, *(f"d{axis}_{k}" for axis in "uv" for k in "xyz"), "specular", "shininess"),
         # 16 bytes: what a splat may touch, in quarters of tiles, ends included, column and row in 16 bits each, and a
-        # depth that it is not nearer than (bin.cl, clue.h).
+        # depth that it is not nearer than (bin.cl, occlusion.h).
         "TouchedQuarters": [(name, "i4") for name in ("id", "first", "last", "near_z")],
-        # 64 bytes: all that the visibility pass needs to intersect a ray with the splat (splat.h), and the pixels of
+        # 64 bytes: all that the visibility pass needs to intersect a ray with the splat (disc.h), and the pixels of
         # its disc; in two eights of reals (transpose.h), the last two of them the pixels.
         "ProjectedSplat": _reals(real, "pixel_x", "pixel_y", "offset_x", "offset_y", "u_x", "u_y", "v_x", "v_y")
         + _reals(real, "g_x", "g_y", "z", "u_1", "v_1", "center_z")

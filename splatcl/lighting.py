@@ -97,7 +97,7 @@ def light_options(settings: RenderSettings) -> dict[str, int]:
 
 
 def lightmap(passes: Passes, structs: tuple[Any, Any]) -> Any:
-    """Return the light map on the device, (LIGHTMAP_SIZE, LIGHTMAP_SIZE, 6) reals (kernels/lightmap.cl)."""
+    """Return the light map on the device, (LIGHTMAP_SIZE, LIGHTMAP_SIZE, 6) reals (kernels/passes/lightmap.cl)."""
     table = passes.device.buffer(LIGHTMAP_SIZE**2 * 6 * passes.real.itemsize)
     size = (-(-LIGHTMAP_SIZE // passes.lanes), LIGHTMAP_SIZE)
     passes.run("lightmap", size, *structs, table, LIGHTMAP=LIGHTMAP_SIZE)

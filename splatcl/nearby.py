@@ -31,7 +31,7 @@ MAX_BAND_RECORDS = {"tile": 16 << 10, "pixel": 1 << 20}
 MAX_LIST_ENTRIES = 2 << 20
 """Entries of the tile lists held together, 208 MiB; a single tile may need more."""
 OPTIONS = {"CENTER_LOW": 0, "ENTRIES": ENTRIES_PER_ITEM, "VALUES": VALUES}
-"""Build options of kernels/nearby.cl."""
+"""Build options of kernels/evidence/nearby.cl."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def upload(device: DeviceQueue, splats: Splats) -> WorldSplats:
 
 
 def nearby(passes: Passes, view: Any, splats: WorldSplats) -> Iterator[NearbySplats]:
-    """Find each tile's splats (kernels/nearby.cl), a band of tiles at a time; each band overwrites the one before."""
+    """Find each tile's splats, a band of tiles at a time; each overwrites the last (kernels/evidence/nearby.cl)."""
     device, num_tiles, tiles_x, num = passes.device, passes.num_tiles, passes.tiles_x, splats.num_splats
     chunk_size, num_chunks = chunks(num, num_tiles)
     bounds = device.scratch("nearby_bounds", num * 8)

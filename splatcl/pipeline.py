@@ -37,7 +37,7 @@ class TileLists:
     """Splats that may touch each tile of the band [first_tile, last_tile), a run for each tile, in splat order.
 
     The band's entries are `ids[start:start + begin[-1]]`; tile t's among them are from begin[t - first_tile].
-    Where there are layers, `clues` says which each is in (kernels/clue.h).
+    Where there are layers, `clues` says which each is in (kernels/passes/occlusion.h).
     """
 
     ids: Any
@@ -55,7 +55,7 @@ class ProjectedSplats:
 
     `near_z` is a depth that no fragment is nearer than, `disc_near_z` the same for the disc alone and only for this
     layer; NaN where there are no pixels, and where the entry was not projected. `extra` is what methods other than
-    [BHZK05]'s need, by the build `options` (kernels/extra.h).
+    [BHZK05]'s need, by the build `options` (kernels/splat/extra.h).
     """
 
     records: Any
@@ -87,7 +87,7 @@ class GBuffer:
 
 
 def bin(passes: Passes, view: Any, splats: ResidentSplats) -> Iterator[TileLists]:
-    """List the splats that may touch each tile, a band of tiles at a time to bound memory (kernels/bin.cl)."""
+    """List the splats that may touch each tile, a band of tiles at a time to bound memory (kernels/passes/bin.cl)."""
     device, num_tiles, tiles_x = passes.device, passes.num_tiles, passes.tiles_x
     chunk_size, num_chunks = chunks(splats.num_splats, num_tiles)
     spread = _spread(num_chunks)
@@ -155,7 +155,7 @@ def starts(lengths: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def hide(passes: Passes, lists: TileLists, depth: DepthBuffer, epsilon: float) -> None:
-    """Find the entries behind the front layer, which is in `depth`, that cannot show (kernels/hide.cl)."""
+    """Find the entries behind the front layer, which is in `depth`, that cannot show (kernels/passes/occlusion.cl)."""
     camera = passes.camera
     passes.run(
         "occlusion", (lists.last_tile - lists.first_tile,), lists.clues, lists.start, lists.begin_buffer,
@@ -164,7 +164,7 @@ def hide(passes: Passes, lists: TileLists, depth: DepthBuffer, epsilon: float) -
 
 
 def project(passes: Passes, view: Any, splats: ResidentSplats, lists: TileLists, layer: int = EVERY) -> ProjectedSplats:
-    """Project, cull and bound the splat of each entry of `layer` that is not hidden (kernels/project.cl)."""
+    """Project, cull and bound the splat of each entry of `layer` that is not hidden (kernels/passes/project.cl)."""
     num_entries = int(lists.begin[-1])
     sizes = {
         "records": passes.dtypes["ProjectedSplat"].itemsize,
@@ -206,7 +206,7 @@ def frame_buffers(passes: Passes) -> tuple[DepthBuffer, GBuffer]:
 def visibility(
     passes: Passes, lists: TileLists, projected: ProjectedSplats, depth: DepthBuffer, layer: int = EVERY
 ) -> None:
-    """Fill the band's part of `depth`: the nearest disc of each pixel (kernels/visibility.cl)."""
+    """Fill the band's part of `depth`: the nearest disc of each pixel (kernels/passes/visibility.cl)."""
     camera = passes.camera
     passes.run_raster(
         "visibility", lists, projected.records, projected.extra, projected.disc_near_z, lists.ids, lists.start,
@@ -237,7 +237,7 @@ def attributes(
     epsilon: float,
     gbuffer: GBuffer,
 ) -> None:
-    """Fill the band's part of `gbuffer`: sums over fragments within `epsilon` of `depth` (kernels/attributes.cl)."""
+    """Fill the band's part of `gbuffer`: fragments within `epsilon` of `depth` (kernels/passes/attributes.cl)."""
     structs = shading_structs(passes) if projected.options["SHADING"] == PER_FRAGMENT else ()
     _run_attributes(
         passes, view, lists, projected, depth, epsilon, projected.records, gbuffer.weight_sum, gbuffer.color_sum,

@@ -1,7 +1,8 @@
 """Explain one pixel of a frame: every splat that touches it or nearly does, and what became of it.
 
-The numbers are the kernels' own (kernels/probe.cl calls the functions of the visibility and attribute passes), so
-the running sums end at the frame's weight, count, Z and particleid, bit for bit. The margin is the oracle's.
+The numbers are the kernels' own, as kernels/evidence/probe.cl calls the functions of the visibility and attribute
+passes. The running sums therefore end at the frame's weight, count, Z and particleid, bit for bit. The margin is the
+oracle's.
 """
 
 from __future__ import annotations

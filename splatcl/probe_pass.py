@@ -1,4 +1,4 @@
-"""The passes at one pixel, splat by splat (kernels/probe.cl)."""
+"""The passes at one pixel, splat by splat (kernels/evidence/probe.cl)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REACH = 1.25
 CHUNK = 4096
 """Records that a work-item looks through."""
 HIT, OUT, EXISTS, ACCEPTED, EDGE_ON, CUT = 1, 2, 4, 8, 16, 32
-"""Bits of ProbedSplat.state (kernels/probe.cl)."""
+"""Bits of ProbedSplat.state (kernels/evidence/probe.cl)."""
 CULLED, UNSEEN, MISSED = "culled", "out of near..far", "missed"
 
 

@@ -29,7 +29,7 @@ class ResidentSplats:
     The geometry lies twice: as planes of x, y, z, which binning streams, and splat by splat with the colour
     (layout.py, Splat), which the projection fetches in the order of the tile lists. `center_low` is what single
     precision leaves of float64 centres, splat by splat, None where that is nothing. `extra` holds what only some splats
-    have (layout.py, SplatExtra), None where none has it; `options` says what (kernels/extra.h).
+    have (layout.py, SplatExtra), None where none has it; `options` says what (kernels/splat/extra.h).
     """
 
     center: Any
@@ -88,7 +88,7 @@ def _extra(splats: Splats, real: np.dtype[Any]) -> NDArray[Any]:
 
 
 def _channels(splats: Splats, real: np.dtype[Any]) -> Iterator[tuple[tuple[str, ...], NDArray[Any]]]:
-    """Yield the attributes six by six, in rows of eight; specular and shininess come first (kernels/shade.cl)."""
+    """Yield the attributes six by six, in rows of eight; specular and shininess are first (kernels/passes/shade.cl)."""
     names = channel_names(splats.attributes)
     for first in range(0, len(names), 6):
         group = tuple(names[first : first + 6])

@@ -46,7 +46,7 @@ def shade(
     channels: Channels = NO_CHANNELS,
     shadows: Shadows | None = None,
 ) -> Any:
-    """Return the (H, W, 4) linear RGBA buffer, shaded once per pixel (kernels/shade.cl, user.cl)."""
+    """Return the (H, W, 4) linear RGBA buffer, shaded once per pixel (kernels/passes/shade.cl, user_shader.cl)."""
     if passes.settings.shader == "user":
         resolved = resolve(passes, view, depth, gbuffer)
         surface = Surface(resolved["P"], resolved["N"], resolved["albedo"], gbuffer.weight_sum)

@@ -1,4 +1,4 @@
-"""Margins and envelopes on the frame's device: kernels/margin.cl and kernels/envelope.cl, in double precision.
+"""Margins and envelopes on the frame's device, in double precision: margin.cl and envelope.cl of kernels/evidence.
 
 The kernels follow the profile of docs/reproducibility.md, so every device gives the same bits. A device without
 double precision leaves the work to the host (splatcl/uncertainty.py, splatcl/envelope.py), whose results differ by

@@ -1,4 +1,4 @@
-"""A user's shader (kernels/user.cl): the text it is compiled with, and what is said of its errors."""
+"""A user's shader (kernels/passes/user_shader.cl): the text it is compiled with, and what is said of its errors."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ FLOPS = {
     "entry": 574,
     # tile.h, both raster passes. Each entry that they take: its box 15.
     "taken": 15,
-    # visibility.cl, splat.h. Each lane: place 2, offsets 4, u and v 8, den 4, u^2 + v^2 <= den^2 4.
+    # visibility.cl, disc.h. Each lane: place 2, offsets 4, u and v 8, den 4, u^2 + v^2 <= den^2 4.
     "tested lane": 22,
     # Each disc hit: 1 / den, z.
     "hit": 2,
