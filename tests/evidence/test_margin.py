@@ -150,7 +150,7 @@ def test_an_exactly_edge_on_disc_is_near_in_its_bounds_alone(double_renderer, re
     assert_bits(renderer_with(lanes=1), [(GoldenScene("edge_on", disc, camera, settings), on_device)])
 
 
-@pytest.mark.parametrize("tile", [4, 16])
+@pytest.mark.parametrize("tile", [4, pytest.param(16, marks=pytest.mark.slow)])
 def test_tiles(expected, double_renderer, monkeypatch, tile):
     """Mutation: the list of every second block in the opposite order."""
     monkeypatch.setattr(nearby, "TILE", tile)
