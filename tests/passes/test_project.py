@@ -41,7 +41,7 @@ def project(device, scene_name, camera_name, settings):
 
 
 DEEP = 0.25
-"""As in kernels/project.cl: a disc that reaches deeper than this share of its centre's z."""
+"""As in kernels/passes/project.cl: a disc that reaches deeper than this share of its centre's z."""
 
 
 @cache

@@ -26,9 +26,9 @@ from splatcl.scene.settings import RenderSettings, effective_settings
 
 PASSES = ("bin", "project", "visibility", "attributes", "shade")
 BLOCKS = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
-"""Pixels of one vector by its lanes (kernels/lanes.h)."""
+"""Pixels of one vector by its lanes (kernels/arithmetic/lanes.h)."""
 SMALL = 4
-"""Boxes of at most so many pixels each way are taken a vector of splats at a time (kernels/tile.h)."""
+"""Boxes of at most so many pixels each way are taken a vector of splats at a time (kernels/passes/tile.h)."""
 BOX = ("x_min", "y_min", "x_max", "y_max")
 
 

@@ -36,7 +36,7 @@ class Limits:
 
 
 class Roofline:
-    """The kernels of kernels/roofline.cl on one device, and how much each moves or computes.
+    """The kernels of kernels/bench/roofline.cl on one device, and how much each moves or computes.
 
     Parameters
     ----------
