@@ -17,7 +17,7 @@ from splatcl.opencl.aovs import DeviceAovs
 from splatcl.opencl.passes.attributes import attribute_channels, attribute_images, attributes, named_channels
 from splatcl.opencl.passes.bin import bin
 from splatcl.opencl.passes.shade import shade, shading_metadata
-from splatcl.opencl.passes.shadow import cast
+from splatcl.opencl.passes.shadow import shadow
 from splatcl.opencl.passes.visibility import project_and_find_depth
 from splatcl.opencl.session import Session, UploadedSplats
 from splatcl.opencl.state.buffers import Band, Raster, Shadows
@@ -76,7 +76,7 @@ def _draw(
     epsilon, shadows = uploaded.epsilon(settings), None
     if "SHADOWS" in light_options(settings):
         context, splats = session.pass_inputs(uploaded, camera, settings)
-        shadows = cast(context, splats, uploaded.sphere, epsilon)
+        shadows = shadow(context, splats, uploaded.sphere, epsilon)
 
     def window(camera: Camera, first: tuple[int, int] = (0, 0)) -> DeviceAovs:
         context, splats = session.pass_inputs(uploaded, camera, settings, first)

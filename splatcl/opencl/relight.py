@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from splatcl.errors import SettingsError, SplatclError
 from splatcl.opencl.passes.shade import shade_surface, shading_metadata
-from splatcl.opencl.passes.shadow import cast
+from splatcl.opencl.passes.shadow import shadow
 from splatcl.opencl.session import Session, UploadedSplats
 from splatcl.opencl.state.buffers import Channels, Surface
 from splatcl.opencl.state.context import PassContext
@@ -157,7 +157,7 @@ def _shade(
     """Do the work of `relight`, from checked AOVs. For `Session.call`."""
     context, shadows = session.context(camera, settings), None
     if casters:
-        shadows = cast(*session.pass_inputs(casters, camera, settings), casters.sphere, epsilon)
+        shadows = shadow(*session.pass_inputs(casters, camera, settings), casters.sphere, epsilon)
     p, n, albedo, weight = (context.constant(np.asarray(inputs[aov], context.real)) for aov in (*SURFACE, "weight"))
     surface = Surface(p, n, albedo, weight, _channels(context, inputs))
     color = shade_surface(context, context.view(np.zeros(3)), surface, epsilon, shadows)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib.util
 import re
 import shutil
 import subprocess
@@ -120,6 +121,14 @@ def test_folders_and_files_stay_small():
     sources = [*modules(ROOT), *(ROOT / "kernels").rglob("*.cl"), *(ROOT / "kernels").rglob("*.h")]
     long = {str(path.relative_to(ROOT)) for path in sources if path.read_text().count("\n") > 300}
     assert long == set(LONG)
+
+
+def test_the_picture_is_up_to_date():
+    spec = importlib.util.spec_from_file_location("architecture", ROOT / "docs" / "images" / "architecture.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    assert (ROOT / "docs" / "images" / "architecture.svg").read_text() == module.drawn()
 
 
 def test_every_package_is_in_the_wheel():

@@ -7,7 +7,7 @@ from splatcl.opencl.state.context import PassContext
 
 
 def occlusion(context: PassContext, lists: TileLists, depth: DepthBuffer, epsilon: float) -> None:
-    """Mark the entries that `depth` occludes, in their occlusion keys (kernels/passes/occlusion.cl).
+    """Mark the entries of `lists` that `depth` occludes, in their occlusion keys (kernels/passes/occlusion.cl).
 
     `depth` holds the front layer. No bit of the image changes: an entry that may show stays.
     """

@@ -11,7 +11,7 @@ import numpy as np
 
 from splatcl.errors import SettingsError, SplatclError
 from splatcl.opencl.device.strictness import Device
-from splatcl.opencl.passes import user_shader
+from splatcl.opencl.passes.user_shader import user_shader
 from splatcl.opencl.passes.lightmap import lightmap
 from splatcl.opencl.state.buffers import Channels, Raster, Shadows, Surface
 from splatcl.opencl.state.context import PassContext, shader_header
@@ -43,7 +43,7 @@ def shade_surface(
     color = context.image(4)
     structs = shading_structs(context)
     arguments = view, *structs, context.settings.time, *images
-    user_shader.run(context, surface.channels, light_arguments(context, structs, shadows), *arguments, color=color)
+    user_shader(context, surface.channels, light_arguments(context, structs, shadows), *arguments, color=color)
     return color
 
 

@@ -29,7 +29,7 @@ MAP_ALIGNMENT = 4096
 """Alignment of each map's start in the buffer, bytes; devices require 128 to 4096."""
 
 
-def cast(context: PassContext, splats: DeviceSplats, sphere: Sphere, epsilon: float) -> Shadows:
+def shadow(context: PassContext, splats: DeviceSplats, sphere: Sphere, epsilon: float) -> Shadows:
     """Draw the shadow maps of a frame's lights.
 
     Parameters

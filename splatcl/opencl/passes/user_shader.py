@@ -22,7 +22,7 @@ ERROR = re.compile(
 """An error of a build log: PoCL writes "error:" before the file and line, other runtimes after them."""
 
 
-def run(context: PassContext, channels: Channels, light: tuple[Any, ...], *args: Any, color: Any) -> None:
+def user_shader(context: PassContext, channels: Channels, light: tuple[Any, ...], *args: Any, color: Any) -> None:
     """Run the settings' shader over the image, once per pixel.
 
     Parameters
