@@ -11,8 +11,8 @@ import numpy as np
 
 from splatcl.errors import SettingsError, SplatclError
 from splatcl.opencl.device.strictness import Device
-from splatcl.opencl.passes.user_shader import user_shader
 from splatcl.opencl.passes.lightmap import lightmap
+from splatcl.opencl.passes.user_shader import user_shader
 from splatcl.opencl.state.buffers import Channels, Raster, Shadows, Surface
 from splatcl.opencl.state.context import PassContext, shader_header
 from splatcl.opencl.state.lights import light_options, shading_structs
