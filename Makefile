@@ -2,58 +2,61 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV ?= .venv
 BIN := $(VENV)/bin
-# A process for each core; a file's tests stay in one process, which keeps the kernels that it has built. Files in their
-# order, as those of few tests may take long.
-PARALLEL ?= --numprocesses auto --dist loadfile --no-loadscope-reorder
+# A process for each core takes a run of neighboring tests, and takes over some of another's when it is done. The
+# runtime's cache on disk holds the kernels that any of them has built.
+PARALLEL ?= --numprocesses auto --dist worksteal
+# The third of the slow tests that `make test-slow` runs: 1, 2 or 3; all of them where it is empty.
+THIRD ?=
 
-.PHONY: demo test test-all lint format reference-images golden runtimes contact-sheet \
+.PHONY: help demo test test-slow test-all lint format reference-images golden runtimes contact-sheet \
 	bench-check bench-check-update clean
 
-demo: $(VENV)/installed
+help: ## print this list
+	@sed -n 's/^\([a-z-]*\):.*## /\1|/p' $(MAKEFILE_LIST) | while IFS='|' read -r target text; do \
+		printf '%-20s %s\n' "$$target" "$$text"; done
+
+demo: $(VENV)/installed ## render the bunny to out/demo.png and out/demo.exr
 	@mkdir -p out
 	$(BIN)/splatcl render reference_images/scans/bunny.pts -o out/demo.exr --png out/demo.png \
 		--size 800x600 --azimuth 20 --elevation 10
 	@echo "Open out/demo.png; out/demo.exr holds every buffer."
 
-test: $(VENV)/installed-test
+test: $(VENV)/installed-test ## pass the tests, in a few minutes
 	$(BIN)/python -m pytest -m "not slow" $(PARALLEL)
 
-test-all: test
-	$(BIN)/python -m pytest -m slow
+test-slow: $(VENV)/installed-test ## pass the slow tests, or a third of them: make test-slow THIRD=1
+	$(BIN)/python -m pytest -m slow $(if $(THIRD),--slow-third=$(THIRD)) $(PARALLEL)
 
-lint: $(VENV)/installed-test
+test-all: test test-slow ## pass all tests
+
+lint: $(VENV)/installed-test ## run ruff, mypy and the check that imports go down
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
-format: $(VENV)/installed-test
+format: $(VENV)/installed-test ## let ruff fix and format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-# Renders every reference image again and rewrites reference_images/README.md.
-reference-images: $(VENV)/installed-test
+reference-images: $(VENV)/installed-test ## render the reference images again and rewrite their README
 	$(BIN)/python reference_images/regenerate.py
 
-# Computes the hashes of splatcl/golden.json again: only after a wanted change of bits.
-golden: $(VENV)/installed-test
+golden: $(VENV)/installed-test ## write the hashes of the golden images again, after a wanted change of bits
 	$(BIN)/python -m splatcl.evidence.golden.check
 
-# The golden images on five OpenCL runtimes; writes the table of docs/reproducibility.md.
-runtimes: $(VENV)/installed-test
-	VENV=$(VENV) .ci/runtimes docs/reproducibility.md
+runtimes: $(VENV)/installed-test ## check the golden images on five OpenCL runtimes; write docs/trust/reproducibility.md
+	VENV=$(VENV) .ci/runtimes docs/trust/reproducibility.md
 
-# Renders every model of a folder to docs/contact_sheet.png: make contact-sheet MODELS=path
-contact-sheet: $(VENV)/installed-test
-	$(BIN)/python docs/contact_sheet.py $(MODELS)
+contact-sheet: $(VENV)/installed-test ## render a folder's models to docs/images/contact_sheet.png: MODELS=path
+	$(BIN)/python docs/images/contact_sheet.py $(MODELS)
 
-# Each pass' time against a calibration kernel of the same run, compared with what is stored; about a minute, on a
-# machine that does nothing else (docs/bench.md).
-bench-check: $(VENV)/installed-test
-	$(BIN)/python -m splatcl.apps.bench.guard docs/bench_ratios.json
+# Takes about a minute, on a machine that does nothing else (docs/speed/bench.md).
+bench-check: $(VENV)/installed-test ## compare each pass's time with the stored one
+	$(BIN)/python -m splatcl.apps.bench.guard docs/speed/bench_ratios.json
 
-# Stores the ratios of now: after a wanted change of speed.
-bench-check-update: $(VENV)/installed-test
-	$(BIN)/python -m splatcl.apps.bench.guard docs/bench_ratios.json --update
+bench-check-update: $(VENV)/installed-test ## store the passes' times, after a wanted change of speed
+	$(BIN)/python -m splatcl.apps.bench.guard docs/speed/bench_ratios.json --update
 
 $(VENV)/installed: pyproject.toml
 	@echo "Installing splatcl into $(VENV) (about a minute) ..."
@@ -66,5 +69,5 @@ $(VENV)/installed-test: $(VENV)/installed
 	$(BIN)/python -m pip install --disable-pip-version-check --progress-bar off --quiet -e '.[test]'
 	@touch $@
 
-clean:
+clean: ## remove everything that make has made
 	rm -rf $(VENV) out build dist *.egg-info

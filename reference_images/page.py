@@ -1,4 +1,4 @@
-"""The generated part of README.md: a table of the scenes, and one of how each image was made."""
+"""Write the generated part of README.md: a table of the scenes, and a table of each image's errors and origin."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PREVIEW_WIDTH = 176
 
 
 def write_page(folder: Path, names: Iterable[str]) -> None:
-    """Rewrite what is between the markers of README.md from the scenes' files."""
+    """Rewrite the text between the markers of README.md from the scenes' files."""
     path = folder / "README.md"
     before, _, rest = path.read_text(encoding="utf-8").partition(BEGIN)
     _, _, after = rest.partition(END)
@@ -23,10 +23,10 @@ def write_page(folder: Path, names: Iterable[str]) -> None:
 
 
 def tables(folder: Path, names: Iterable[str]) -> str:
-    """Return the tables in Markdown."""
+    """Return the tables as Markdown."""
     scenes = {name: read_scene(folder, name) for name in names if (folder / f"{name}.json").exists()}
-    shown = ["| image | scene | what it shows and pins |", "|---|---|---|"]
-    compared = ["| scene | pixels | masked | depth | albedo | normal | colour | made |", "|---|" + "--:|" * 7]
+    shown = ["| image | scene | rules that it pins |", "|---|---|---|"]
+    compared = ["| scene | pixels | masked | depth | albedo | normal | color | made |", "|---|" + "--:|" * 7]
     sources: list[str] = []
     for name, scene in scenes.items():
         image = f'<img src="{name}.png" width="{PREVIEW_WIDTH}" alt="{name}">'

@@ -183,7 +183,7 @@ class Frame(Mapping[str, NDArray[Any]]):
         from splatcl.evidence.probe import probe
 
         session, uploaded = self.origin("probe")
-        return probe(session, uploaded, self.camera, self.settings, self, x, y)
+        return probe(session, uploaded, self.camera, self.settings, self, (x, y))
 
     def check(self) -> tuple[Check, ...]:
         """Render again and account for every splat, record, fragment and color (docs/trust/probe.md).

@@ -17,6 +17,24 @@ class Backend:
 """
 
 
+THIRDS = ("1", "2", "3")
+
+
+def pytest_addoption(parser):
+    parser.addoption("--slow-third", choices=THIRDS, help="leave out the slow tests of the two other thirds")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Deal the slow tests to the thirds in turn, so that each gets its share of every sweep."""
+    if (third := config.getoption("--slow-third")) is None:
+        return
+    slow = [item for item in items if item.get_closest_marker("slow")]
+    kept = set(slow[THIRDS.index(third) :: len(THIRDS)])
+    others = [item for item in slow if item not in kept]
+    config.hook.pytest_deselected(items=others)
+    items[:] = [item for item in items if item not in set(others)]
+
+
 @pytest.fixture(scope="session")
 def device():
     from splatcl.opencl.device.strictness import Device

@@ -1,1 +1,1 @@
-"""What can be proved about a frame or a device."""
+"""Evidence: what can be proved about a frame or a device."""

@@ -1,4 +1,7 @@
-"""Conservation: what goes into a render and what comes out of it must add up, exactly (docs/probe.md)."""
+"""Account for every splat, list entry, fragment and color of a frame (docs/trust/probe.md).
+
+A second render of the frame's splats, in a constant color, supplies the numbers; they must add up exactly.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,12 @@ from numpy.typing import NDArray
 from splatcl import oracle
 from splatcl.opencl.aovs import DeviceAovs
 from splatcl.opencl.passes.attributes import attributes, fragment_arguments
-from splatcl.opencl.passes.bin import bin, in_order
+from splatcl.opencl.passes.bin import all_splats, bin
 from splatcl.opencl.passes.project import project
 from splatcl.opencl.passes.visibility import visibility
 from splatcl.opencl.session import Session, UploadedSplats
-from splatcl.opencl.state.buffers import Band, DepthBuffer, ProjectedSplats, TileLists
-from splatcl.opencl.state.context import PassContext, frame_buffers
+from splatcl.opencl.state.buffers import Band, DepthBuffer, ProjectedSplats, Raster, TileLists
+from splatcl.opencl.state.context import PassContext, frame_buffers, shader_header
 from splatcl.opencl.state.upload import DeviceSplats
 from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings, Target
@@ -25,22 +28,23 @@ from splatcl.scene.splats import Splats
 
 Array = NDArray[Any]
 CONSTANT_COLOR = (1.0, 0.7, 1 / 3)
-"""Red must come out as it is; the others to within the rounding of their sums."""
-SUSPECTS = 100
-"""Splats that should not have been left out are drawn by the oracle, one by one; of more this many are."""
-BEYOND_DOUBT = 32.0
-"""Margin, in rounding errors, from which a float32 renderer decides as the oracle does (tests/tolerances.py)."""
-SPLATS_AT_ONCE = 1 << 18
+"""Linear RGB of every splat; red must stay exact, green and blue within the rounding of their sums."""
+MAX_SUSPECTS = 100
+"""Maximum number of suspect splats that the oracle redraws; the rest count as lost."""
+CERTAIN = 32.0
+"""Margin from which a float32 renderer must decide as the oracle does, in rounding errors (tests/tolerances.py)."""
+SPLATS_PER_BATCH = 1 << 18
+"""Most splats that the oracle projects together."""
 TARGET_TYPES = {"float16": np.float16, "float32": np.float32}
-ONE_LANE: dict[str, Any] = {"LANES": 1, "SHADING": 0, "FIELD": 0, "CHANNELS": 0, "SHADER": '"albedo.h"'}
-"""Build options of kernels that take a splat and a pixel at a time, and only ask whether there is a fragment."""
+ONE_LANE: dict[str, Any] = {"LANES": 1, "SHADING": 0, "FIELD": 0, "CHANNELS": 0, "SHADER": shader_header("albedo")}
+"""Build options of a kernel that evaluates one splat at one pixel, and only whether it has a fragment."""
 CHUNK = 4096
-"""Records whose fragments a work-item counts."""
+"""Records whose fragments one work-item counts."""
 
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that must add up, and the numbers that say whether it did."""
+    """One check, its result, and its numbers."""
 
     name: str
     passed: bool
@@ -48,7 +52,7 @@ class Check:
 
     @property
     def verdict(self) -> str:
-        """What is recorded of it."""
+        """Result and numbers, for the frame's metadata."""
         return f"{'passed' if self.passed else 'FAILED'}: {self.detail}"
 
     def __str__(self) -> str:
@@ -62,7 +66,7 @@ def check(
     settings: RenderSettings,
     aovs: Mapping[str, Array],
 ) -> tuple[Check, ...]:
-    """Render a frame's splats again and account for them; see `Frame.check`.
+    """Render a frame's splats again and check that everything adds up; see `Frame.check`.
 
     Parameters
     ----------
@@ -70,12 +74,12 @@ def check(
     uploaded : UploadedSplats
         Prepared for the settings (`UploadedSplats.prepared`).
     camera, settings
-        As the frame has them.
+        Those of the frame.
     aovs : mapping of str to array
-        Of the first render.
+        AOVs of the first render.
     """
-    survivors, checks, again = session.call(_account, uploaded, camera, settings)
-    checks = [_check_splats(survivors, uploaded.splats, camera, settings), *checks]
+    kept, checks, again = session.call(_account, uploaded, camera, settings)
+    checks = [_check_splats(kept, uploaded.splats, camera, settings), *checks]
     differing = [name for name, array in again.items() if array.tobytes() != aovs[name].tobytes()]
     detail = f"{', '.join(differing or again)} {'differ from' if differing else 'have'} the bits of the first render"
     return (*checks, Check("repetition", not differing, detail))
@@ -84,97 +88,97 @@ def check(
 def _account(
     session: Session, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings
 ) -> tuple[Array, list[Check], dict[str, Array]]:
-    """Render with a constant colour.
+    """Render in a constant color. For `Session.call`.
 
     Returns
     -------
-    survivors : (S,) uint32
-        The splats that the projection kept.
+    kept : (S,) uint32
+        Indices of the splats that the projection keeps, in splat order.
     checks : list of Check
-        Those of the binning, the fragments and the colour.
+        The checks of binning, fragments and color.
     again : dict of str to array
-        The AOVs that no colour enters.
+        The AOVs that do not depend on color.
     """
     settings = replace(settings, shading="deferred", shader="albedo", user_shader="")
-    white = replace(uploaded.splats, color=np.tile(CONSTANT_COLOR, (len(uploaded.splats), 1)))
-    context, on_device = session.prepare(session.upload(white), camera, settings)
+    recolored = replace(uploaded.splats, color=np.tile(CONSTANT_COLOR, (len(uploaded.splats), 1)))
+    context, on_device = session.pass_inputs(session.upload(recolored), camera, settings)
     view, epsilon = context.view(on_device.origin), uploaded.epsilon(settings)
     kept = _project_in_order(context, view, on_device)
-    copies = _expected_copies(kept, context.tile_size, context.tiles_x)
+    expected = _expected_entries(kept, context.tile_size, context.tiles_x)
     depth, gbuffer = frame_buffers(context)
     faults: list[str] = []
     num_listed = 0
     for lists in bin(context, view, on_device):
         projected = project(context, view, on_device, lists)
-        faults += _list_faults(context, kept, copies, lists, projected)
+        faults += _list_faults(context, kept, expected, lists, projected)
         num_listed += int(lists.begin[-1])
         visibility(context, lists, projected, depth)
         attributes(context, Band(view, lists, projected, depth, epsilon), gbuffer)
-    aovs = DeviceAovs(context, view, depth, gbuffer, None)
+    aovs = DeviceAovs(context, Raster(view, depth, gbuffer, epsilon), None)
     num_fragments = _count_fragments(context, view, on_device, depth, epsilon)
     checks = [
-        _check_binning(faults, len(copies.tile), num_listed, context.num_tiles),
+        _check_binning(faults, len(expected.tile), num_listed, context.num_tiles),
         _check_fragments(num_fragments, aovs["count"]),
         _check_color(aovs["albedo"], aovs["weight"], aovs["count"], settings.target),
     ]
     return kept.ids, checks, {name: aovs[name] for name in ("Z", "particleid", "weight", "count")}
 
 
-# ---- splats: each is drawn, culled or beside the image
+# ---- splats: each is drawn, culled, or touches no pixel
 
 
-def _check_splats(survivors: Array, splats: Splats, camera: Camera, settings: RenderSettings) -> Check:
-    """Check that no splat was lost: the oracle must agree that those not kept are culled or touch no pixel."""
+def _check_splats(kept: Array, splats: Splats, camera: Camera, settings: RenderSettings) -> Check:
+    """Check that no splat is lost: by the oracle too, every splat that is not kept is culled or touches no pixel."""
     num_culled = num_outside = num_lost = 0
-    left_out = np.setdiff1d(np.arange(len(splats)), survivors)
-    for start in range(0, len(left_out), SPLATS_AT_ONCE):
-        part = splats.take(left_out[start : start + SPLATS_AT_ONCE])
-        projected = oracle.project(part, camera, settings)
+    dropped = np.setdiff1d(np.arange(len(splats)), kept)
+    for start in range(0, len(dropped), SPLATS_PER_BATCH):
+        part = splats.take(dropped[start : start + SPLATS_PER_BATCH])
+        projected = oracle.project.project(part, camera, settings)
         first, last = np.ceil(projected.bounds[:, :2] - 0.5), np.floor(projected.bounds[:, 2:] - 0.5)
         size = np.array([camera.width, camera.height])
         touches = (np.maximum(first, 0) <= np.minimum(last, size - 1)).all(axis=1)
         suspects = np.flatnonzero(touches)
-        lost = sum(_is_drawn(part.take([i]), camera, settings) for i in suspects[:SUSPECTS])
-        lost += max(len(suspects) - SUSPECTS, 0)
+        lost = sum(_is_drawn(part.take([i]), camera, settings) for i in suspects[:MAX_SUSPECTS])
+        lost += max(len(suspects) - MAX_SUSPECTS, 0)
         culled = int(np.count_nonzero(projected.culled))
         num_culled, num_lost = num_culled + culled, num_lost + lost
         num_outside += len(part) - culled - lost
-    increasing = bool((np.diff(survivors.astype(np.int64)) > 0).all())
-    added_up = len(survivors) + num_culled + num_outside + num_lost == len(splats)
-    detail = f"{len(survivors)} drawn + {num_culled} culled + {num_outside} that touch no pixel = {len(splats)}"
+    increasing = bool((np.diff(kept.astype(np.int64)) > 0).all())
+    added_up = len(kept) + num_culled + num_outside + num_lost == len(splats)
+    detail = f"{len(kept)} drawn + {num_culled} culled + {num_outside} that touch no pixel = {len(splats)}"
     if splats.num_dropped:
-        detail += f", after {splats.num_dropped} invalid ones were dropped"
+        detail += f", after {splats.num_dropped} invalid splats were dropped"
     if num_lost:
         detail += f", and {num_lost} lost"
     if not increasing:
-        detail += "; they are not in splat order"
+        detail += "; the drawn splats are not in splat order"
     return Check("splats", increasing and added_up and not num_lost, detail)
 
 
 def _is_drawn(splat: Splats, camera: Camera, settings: RenderSettings) -> bool:
-    """Whether the oracle draws a single splat at some pixel beyond doubt."""
-    projected = oracle.project(splat, camera, settings)
-    depth = oracle.visibility(projected, camera, settings)
-    gbuffer = oracle.attributes(projected, depth, camera, settings, 0.0, splat.color)
+    """Return True if the oracle draws a single splat at some pixel, with a margin above `CERTAIN`."""
+    projected = oracle.project.project(splat, camera, settings)
+    depth = oracle.visibility.visibility(projected, camera, settings)
+    gbuffer = oracle.attributes.attributes(projected, depth, splat, camera, settings, 0.0)
     margin = np.minimum(depth.margin, gbuffer.margin)
-    return bool(((gbuffer.count > 0) & (margin > BEYOND_DOUBT)).any())
+    return bool(((gbuffer.count > 0) & (margin > CERTAIN)).any())
 
 
-# ---- binning: each splat is in the list of each tile that its bounds touch
+# ---- binning: the list of each tile has every splat whose bounds touch the tile
 
 
 @dataclass(frozen=True)
 class _Projected:
-    """Survivors in splat order."""
+    """Splats that the projection keeps, in splat order, or the entries of a band."""
 
-    ids: Array  # (S,) uint32
+    ids: Array  # (S,) uint32 splat indices
     records: Array  # (S,) ProjectedSplat
     attributes: Array  # (S,) SplatAttributes
-    boxes: Array  # (S, 4) int16 x_min, y_min, x_max, y_max
+    boxes: Array  # (S, 4) int16 x_min y_min x_max y_max of footprint and pre-filter, whole pixels, ends included
 
     @classmethod
     def read(cls, context: PassContext, lists: TileLists, projected: ProjectedSplats) -> _Projected:
-        """Read what was made of each entry of the lists."""
+        """Read the records of each entry of the lists."""
         device, dtypes, num = context.device, context.dtypes, int(lists.begin[-1])
         ids = device.read(lists.ids, (lists.start + num,), np.uint32)[lists.start :]
         records = device.read(projected.records, (num,), dtypes["ProjectedSplat"])
@@ -182,57 +186,58 @@ class _Projected:
         return cls(ids, records, attributes, device.read(projected.boxes, (num, 4), np.int16))
 
     def take(self, where: Array) -> _Projected:
-        """Return those at indices or of a mask."""
+        """Return the rows at indices, or of a mask."""
         return _Projected(*(getattr(self, field.name)[where] for field in fields(self)))
 
 
 @dataclass(frozen=True)
-class _Copies:
-    """The entries that there must be, by tile and then by splat."""
+class _Entries:
+    """Entries that the tile lists must have, by tile and then by splat."""
 
-    tile: Array  # (C,)
-    survivor: Array  # (C,) index of the survivor
+    tile: Array  # (C,) row-major index
+    row: Array  # (C,) row of the splat in `_Projected`
 
 
 def _project_in_order(context: PassContext, view: Any, splats: DeviceSplats) -> _Projected:
-    """Project every splat, without tiles, and return those that touch a pixel."""
+    """Project every splat, without tiles; return the splats that touch a pixel."""
     parts = []
-    for lists in in_order(context, splats.num_splats):
+    for lists in all_splats(context, splats.num_splats):
         part = _Projected.read(context, lists, project(context, view, splats, lists))
         parts.append(part.take(part.boxes[:, 0] <= part.boxes[:, 2]))
     return _Projected(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(_Projected)))
 
 
-def _expected_copies(kept: _Projected, tile_size: int, tiles_x: int) -> _Copies:
+def _expected_entries(kept: _Projected, tile_size: int, tiles_x: int) -> _Entries:
+    """Return an entry for each kept splat and each tile that its bounds touch."""
     x, y, x_last, y_last = (kept.boxes // tile_size).astype(np.int64).T
     across = x_last - x + 1
-    num_copies = across * (y_last - y + 1)
-    survivor = np.repeat(np.arange(len(num_copies)), num_copies)
-    nth = np.arange(len(survivor)) - np.repeat(np.cumsum(num_copies) - num_copies, num_copies)
-    tile = (y[survivor] + nth // across[survivor]) * tiles_x + x[survivor] + nth % across[survivor]
+    num_tiles = across * (y_last - y + 1)
+    row = np.repeat(np.arange(len(num_tiles)), num_tiles)
+    nth = np.arange(len(row)) - np.repeat(np.cumsum(num_tiles) - num_tiles, num_tiles)
+    tile = (y[row] + nth // across[row]) * tiles_x + x[row] + nth % across[row]
     order = np.argsort(tile, kind="stable")
-    return _Copies(tile[order], survivor[order])
+    return _Entries(tile[order], row[order])
 
 
 def _list_faults(
-    context: PassContext, kept: _Projected, copies: _Copies, lists: TileLists, projected: ProjectedSplats
+    context: PassContext, kept: _Projected, entries: _Entries, lists: TileLists, projected: ProjectedSplats
 ) -> Iterator[str]:
-    """Yield what is wrong with a band's lists: their order, what they lack, or the records made of them."""
+    """Yield the faults of a band's lists: wrong order, missing splats, or wrong records."""
     got = _Projected.read(context, lists, projected)
     tile = np.repeat(np.arange(lists.first_tile, lists.last_tile), np.diff(lists.begin))
-    place = (tile.astype(np.int64) << 32) + got.ids
-    ends = np.searchsorted(copies.tile, (lists.first_tile, lists.last_tile))
-    tile, survivor = copies.tile[slice(*ends)], copies.survivor[slice(*ends)]
-    wanted = (tile.astype(np.int64) << 32) + kept.ids[survivor]
-    if not (np.diff(place) > 0).all():
+    key = (tile.astype(np.int64) << 32) + got.ids
+    ends = np.searchsorted(entries.tile, (lists.first_tile, lists.last_tile))
+    tile, row = entries.tile[slice(*ends)], entries.row[slice(*ends)]
+    expected_key = (tile.astype(np.int64) << 32) + kept.ids[row]
+    if not (np.diff(key) > 0).all():
         yield f"order in tiles {lists.first_tile} to {lists.last_tile - 1}"
         return
-    at = np.minimum(np.searchsorted(place, wanted), max(len(place) - 1, 0))
-    missing = place[at] != wanted if len(place) else np.ones(len(wanted), bool)
+    at = np.minimum(np.searchsorted(key, expected_key), max(len(key) - 1, 0))
+    missing = key[at] != expected_key if len(key) else np.ones(len(expected_key), bool)
     if missing.any():
         yield f"{np.count_nonzero(missing)} splats not listed, the first in tile {tile[int(missing.argmax())]}"
         return
-    expected, got = kept.take(survivor), got.take(at)
+    expected, got = kept.take(row), got.take(at)
     for name in ("records", "attributes", "boxes"):
         wrong = _differ(getattr(got, name), getattr(expected, name))
         if wrong.any():
@@ -240,7 +245,7 @@ def _list_faults(
 
 
 def _differ(a: Array, b: Array) -> Array:
-    """(N,) bool whether any bit of a row differs; padding does not count."""
+    """Return (N,) bool: True if any bit of a row differs; padding does not count."""
     if a.dtype.names:
         columns = [(a[name], b[name]) for name in a.dtype.names if name != "pad"]
     else:
@@ -252,19 +257,20 @@ def _bits(values: Array) -> Array:
     return np.ascontiguousarray(values).view(f"u{values.itemsize}")
 
 
-def _check_binning(faults: list[str], num_copies: int, num_listed: int, num_tiles: int) -> Check:
-    detail = f"{num_copies} times a splat touches a tile, all among {num_listed} entries of {num_tiles} lists, in order"
+def _check_binning(faults: list[str], num_expected: int, num_listed: int, num_tiles: int) -> Check:
+    detail = f"{num_expected} times a splat touches a tile, all among {num_listed} entries of {num_tiles} lists"
+    detail += ", in order"
     return Check("binning", not faults, f"wrong: {'; '.join(faults)}" if faults else detail)
 
 
-# ---- fragments and colour
+# ---- fragments and color
 
 
 def _count_fragments(context: PassContext, view: Any, splats: DeviceSplats, depth: DepthBuffer, epsilon: float) -> int:
-    """Count the fragments splat by splat (kernels/accounting.cl)."""
+    """Count the fragments splat by splat, without tiles (kernels/evidence/accounting.cl)."""
     (epsilon, along, _, inverse_radius2, _, _), options = fragment_arguments(context, epsilon)
     total = 0
-    for lists in in_order(context, splats.num_splats):
+    for lists in all_splats(context, splats.num_splats):
         projected, num = project(context, view, splats, lists), int(lists.begin[-1])
         num_chunks = -(-num // CHUNK)
         counts = context.device.buffer(num_chunks * 8)
@@ -284,10 +290,11 @@ def _check_fragments(num_fragments: int, count: Array) -> Check:
 
 
 def color_bound(count: Array, weight: Array, target: Target = "auto") -> Array:
-    """Return by how much a constant colour may come out changed, relative, after sums of `count` terms.
+    """Return the bound of a constant color's relative error after sums of `count` terms.
 
-    To first order (2 count + 1) u with u = 2^-24 (2^-53): count roundings of products and sums in the numerator, count
-    - 1 in the denominator, one of the quotient, one of the colour itself; products below the normal range lose more.
+    To first order it is (2 count + 1) u with u = 2^-24 (double precision: 2^-53). The numerator has `count` roundings
+    of products and sums, the denominator count - 1, the quotient one, and the color itself one. Products below the
+    normal range lose more; the last term bounds that.
     """
     limits = np.finfo(TARGET_TYPES.get(target, weight.dtype))
     unit = float(limits.eps) / 2
@@ -297,7 +304,7 @@ def color_bound(count: Array, weight: Array, target: Target = "auto") -> Array:
 
 def _check_color(albedo: Array, weight: Array, count: Array, target: Target) -> Check:
     if target == "unorm8":
-        return Check("constant colour", True, "not asked for: unorm8 clamps its sums")
+        return Check("constant color", True, "does not apply: unorm8 clamps its sums")
     covered = weight > 0
     albedo, weight, count = albedo[covered], weight[covered], count[covered]
     exact = np.count_nonzero(albedo[:, 0] != CONSTANT_COLOR[0])
@@ -307,4 +314,4 @@ def _check_color(albedo: Array, weight: Array, count: Array, target: Target) -> 
     detail += f", {CONSTANT_COLOR[1]} and 1/3 to within {error.max(initial=0.0):.1e}"
     if outside:
         detail += f", {outside} times outside the bound"
-    return Check("constant colour", not exact and not outside, detail)
+    return Check("constant color", not exact and not outside, detail)

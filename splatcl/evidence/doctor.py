@@ -1,4 +1,4 @@
-"""A device's examination: its arithmetic, the environment's compiler flags, and the golden images."""
+"""Examine a device: its arithmetic, the environment's compiler flags, and the golden images."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ from splatcl.opencl.session import Session
 from splatcl.scene.settings import Precision
 
 LABEL_WIDTH = 12
-MOST_SHOWN = 8
-"""Golden images that differ, at most, in the readable report."""
+MAX_MISMATCHES = 8
+"""Most differing AOVs of golden images in the readable report; it counts the rest."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """What was found on one device; `as_json` has all of it, `lines` what one reads.
+    """Result of one device's examination; `as_json` has all of it, `lines` a readable summary.
 
     Parameters
     ----------
+    device : DeviceInfo
     problem : str
-        Why the device could not be examined at all; the rest is then empty.
-    profiles : dict of Arithmetic by precision
-        Without "double" where the device has none.
+        Why the device cannot be examined; the other results are then empty.
+    profiles : tuple of Arithmetic
+        One per precision; no "double" if the device lacks it.
     fma : str
-        Whether fma is fused in every vector; no kernel uses it.
+        "fused" if fma is fused in every vector width; no kernel uses it.
     flags : dict
-        Environment variables that inject compiler flags.
+        Environment variables that inject compiler flags, and the flags.
     num_golden : int
-        Golden images rendered.
+        Number of golden images rendered.
     golden : tuple of str
-        AOVs whose hash differs.
+        AOVs of golden images whose hash differs.
     """
 
     device: DeviceInfo
@@ -51,7 +52,7 @@ class Report:
 
     @property
     def reasons(self) -> list[str]:
-        """Why the device may not render references; empty if it may."""
+        """Reasons why the device is unfit for reference renders; empty if it is fit."""
         reasons = [self.problem] if self.problem else []
         reasons += [f"{variable} injects compiler flags" for variable in self.flags or ()]
         for profile in self.profiles:
@@ -62,7 +63,7 @@ class Report:
         return reasons
 
     def as_json(self) -> dict[str, Any]:
-        """Return the report as JSON's types."""
+        """Return the report in JSON's types."""
         device = {key: getattr(self.device, key) for key in ("index", "platform", "name", "version", "is_default")}
         return {
             "device": device | {"supports": dict(self.device.supports)},
@@ -89,21 +90,21 @@ class Report:
         if self.profiles:
             if len(self.profiles) == 1:
                 yield "double", "not supported"
-            yield "division", _own_or_ours(self.profiles, "EXACT_DIVIDE")
-            yield "square root", _own_or_ours(self.profiles, "EXACT_SQRT")
+            yield "division", _source(self.profiles, "EXACT_DIVIDE")
+            yield "square root", _source(self.profiles, "EXACT_SQRT")
             yield "subnormals", _subnormals(self.profiles)
             yield "fma", f"{self.fma} (no kernel uses it)"
         yield "flags", ", ".join(f"{name}={value}" for name, value in (self.flags or {}).items()) or "none injected"
         if self.num_golden:
             yield "golden", f"{len(self.golden)} AOVs differ" if self.golden else f"all {self.num_golden} images match"
-            yield from (("", mismatch) for mismatch in self.golden[:MOST_SHOWN])
-            if len(self.golden) > MOST_SHOWN:
-                yield "", f"... and {len(self.golden) - MOST_SHOWN} more"
+            yield from (("", mismatch) for mismatch in self.golden[:MAX_MISMATCHES])
+            if len(self.golden) > MAX_MISMATCHES:
+                yield "", f"... and {len(self.golden) - MAX_MISMATCHES} more"
         yield "verdict", f"unfit: {'; '.join(self.reasons)}" if self.reasons else "fit for reference renders"
 
 
 def examine(device: DeviceInfo) -> Report:
-    """Test all the arithmetic of a device thoroughly, and render the golden images on it."""
+    """Test a device's arithmetic in every precision and vector width, and render the golden images on it."""
     flags = injected_flags()
     try:
         queue = DeviceQueue(device.index)
@@ -134,15 +135,15 @@ def _verdict(profile: Arithmetic) -> str:
     num, lanes = len(arithmetic.OPERATIONS), ", ".join(map(str, profile.lanes))
     if profile.wrong:
         wrong = {finding.operation for finding in profile.wrong}
-        return f"NOT strict: {len(wrong)} of {num} operations are not NumPy's (lanes {lanes})"
-    return f"strict: {num} operations on {profile.num_tested} numbers as NumPy's (lanes {lanes})"
+        return f"NOT strict: {len(wrong)} of {num} operations differ from NumPy's (lanes {lanes})"
+    return f"strict: {num} operations give NumPy's bits on {profile.num_tested} numbers (lanes {lanes})"
 
 
-def _own_or_ours(profiles: tuple[Arithmetic, ...], option: str) -> str:
-    replaced = [f for p in profiles for f in p.replaced if arithmetic.OWN[f.operation] == option]
-    return f"ours, for the device's is wrong: {replaced[0]}" if replaced else "the device's own, correctly rounded"
+def _source(profiles: tuple[Arithmetic, ...], option: str) -> str:
+    replaced = [f for p in profiles for f in p.replaced if arithmetic.REPLACEABLE[f.operation] == option]
+    return f"splatcl's, the device's is wrong: {replaced[0]}" if replaced else "the device's own, correctly rounded"
 
 
 def _subnormals(profiles: tuple[Arithmetic, ...]) -> str:
     lost = [finding for profile in profiles for finding in profile.subnormals]
-    return f"flushed to zero, which matters to numbers below 1e-30 only: {lost[0]}" if lost else "kept"
+    return f"flushed to zero, which affects only numbers below 1e-30: {lost[0]}" if lost else "kept"

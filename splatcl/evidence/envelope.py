@@ -1,4 +1,7 @@
-"""Envelopes on the frame's device (envelope.cl), in double precision; margin.py says when the host takes over."""
+"""Envelopes on the frame's device, in double precision (kernels/evidence/envelope.cl).
+
+The host computes the cases that margin.py names, and normal fields (host/envelope.py).
+"""
 
 from __future__ import annotations
 
@@ -25,7 +28,7 @@ from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 
 CHANNELS = {"Z": 1, "weight": 1, "albedo": 3, "N": 3}
-"""Channels of each AOV that has bounds."""
+"""Number of channels of each AOV with bounds."""
 
 
 def envelope(
@@ -36,8 +39,11 @@ def envelope(
     epsilon: float,
     tolerance: float,
 ) -> dict[str, NDArray[np.float32]]:
-    """Return what `host.envelope` does, from the session's device where it can. As `margin`."""
-    host.check(settings, tolerance)
+    """Return the bounds of Z, weight, albedo and N, as `host.envelope` does, on the session's device if possible.
+
+    `uploaded` must be prepared for the settings (`UploadedSplats.prepared`). For `Session.call`.
+    """
+    host.validate(settings, tolerance)
     settings = replace(settings, circular=False)
     if not (draws_discs(uploaded, settings) and settings.normals == "constant" and has_strict_double(session)):
         return host.envelope(uploaded.splats, camera, settings, epsilon, tolerance)
@@ -50,13 +56,13 @@ def envelope(
     shape = camera.height, camera.width
     shapes = {name: (*shape, n) if n > 1 else shape for name, n in CHANNELS.items()}
     named = {name: context.device.read(out, shapes[name[:-3]], np.float32) for name, out in outputs.items()}
-    return host.bounded(named, settings)
+    return host.without_blended_light(named, settings)
 
 
 def _run_envelope(
     context: PassContext, view: Any, band: NearbySplats, epsilon: float, tolerance: float, outputs: list[Any]
 ) -> None:
-    """Fill the band's part of the images, a work-item for each tile."""
+    """Fill the band's part of the images, with a work-item per tile."""
     device, camera = context.device, context.camera
     sizes = {"at_block": 4, "weights": 2 * device.lanes_of(context.real) * 8, "extremes": 2 * 6 * 8}
     scratch = [device.scratch(f"nearby_{name}", band.num_records * size) for name, size in sizes.items()]

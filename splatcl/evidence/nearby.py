@@ -1,6 +1,7 @@
-"""The splats that touch or nearly touch each tile, on the device in double precision, for margins and envelopes.
+"""Lists of the splats that touch or nearly touch each tile, for margins and envelopes (kernels/evidence/nearby.cl).
 
-Unlike the passes of a frame these need the near misses too, and the culled splats that nearly were not.
+They are made on the device, in double precision. Unlike the frame's lists, they include near misses, and culled splats
+that nearly were not culled.
 """
 
 from __future__ import annotations
@@ -23,49 +24,49 @@ from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
 
 TILE = 8
-"""Pixels of a tile side. (Bits do not depend on it.)"""
+"""Side of a tile, pixels; bits do not depend on it."""
 WORLD = ("center", "tangent_u", "tangent_v", "color")
-"""What is uploaded of each splat, twelve numbers together."""
+"""Fields of a splat that are uploaded: twelve numbers, one after another."""
 VALUES = 7
-"""What a fragment adds, the three of its colour and of its normal, and the margin of the normal's sign."""
+"""Values per record: color (3) and normal (3) of its fragments, and the margin of the normal's sign."""
 ENTRIES_PER_ITEM = 256
-"""Records that a work-item makes."""
+"""Records that one work-item makes."""
 MAX_BAND_RECORDS = {"tile": 16 << 10, "pixel": 1 << 20}
-"""Records of one band of tiles: 4 MB that a CPU's cache holds, 250 MB for a GPU; a single tile may need more."""
+"""Most records of a band: 4 MB to fit a CPU's cache, 250 MB for a GPU; one tile alone may need more."""
 MAX_LIST_ENTRIES = 2 << 20
-"""Entries of the tile lists held together, 208 MiB; a single tile may need more."""
+"""Most entries of tile lists in memory, 208 MiB; one tile alone may need more."""
 OPTIONS = {"CENTER_LOW": 0, "ENTRIES": ENTRIES_PER_ITEM, "VALUES": VALUES}
-"""Build options of kernels/nearby.cl."""
+"""Build options of kernels/evidence/nearby.cl."""
 
 
 @dataclass(frozen=True)
 class NearbySplats:
-    """Records of the tiles [first_tile, last_tile), a run for each tile, in splat order.
+    """Records of a band of T tiles with E entries: one run per tile, in splat order.
 
     Tile t's run is from tile_begin[t - first_tile] - first_entry to tile_begin[t + 1 - first_tile] - first_entry.
     """
 
-    records: Any
-    values: Any
-    bounds: Any  # those of the record i are at first_entry + i
-    num_records: int
-    tile_begin: Any
-    first_tile: int
-    last_tile: int
+    records: Any  # (E,) NearbySplat
+    values: Any  # (E, VALUES) float64
+    bounds: Any  # (first_entry + E, 4) or more, int16 pixels; record i's are at first_entry + i
+    num_records: int  # E
+    tile_begin: Any  # (T + 1,) int32
+    first_tile: int  # row-major index
+    last_tile: int  # row-major index, exclusive
     first_entry: int
 
 
 @dataclass(frozen=True)
 class WorldSplats:
-    """Splats on the device in double precision, `WORLD` of each, relative to `origin` (world space)."""
+    """Splats on the device in double precision, world space."""
 
-    world: Any
-    origin: NDArray[np.float64]
+    world: Any  # (N, 12) float64: the fields `WORLD`, the center relative to `origin`
+    origin: NDArray[np.float64]  # (3,)
     num_splats: int
 
 
 def upload(device: Device, splats: Splats) -> WorldSplats:
-    """Copy splats to the device, relative to an origin near them; 96 bytes each."""
+    """Copy splats to the device, relative to `near_origin`; 96 bytes each."""
     origin = near_origin(splats.center)
     world = np.empty((len(splats), 3 * len(WORLD)))
     for i, name in enumerate(WORLD):
@@ -78,7 +79,7 @@ def upload(device: Device, splats: Splats) -> WorldSplats:
 
 
 def nearby(context: PassContext, view: Any, splats: WorldSplats) -> Iterator[NearbySplats]:
-    """Find each tile's splats (kernels/nearby.cl), a band of tiles at a time; each band overwrites the one before."""
+    """Yield the records of each tile's splats, one band of tiles at a time; each band overwrites the last one's."""
     device, num_tiles, tiles_x, num = context.device, context.num_tiles, context.tiles_x, splats.num_splats
     chunk_size, num_chunks = chunks(num, num_tiles)
     bounds = device.scratch("nearby_bounds", num * 8)
@@ -107,7 +108,7 @@ def nearby(context: PassContext, view: Any, splats: WorldSplats) -> Iterator[Nea
 def _records(
     context: PassContext, view: Any, listed: Any, bounds: Any, first_tile: int, begin: NDArray[np.int32]
 ) -> NearbySplats:
-    """Make the records of a band of tiles, whose lists lie at `begin` of `listed`."""
+    """Make the records of a band of tiles; `begin`, (T + 1,), are the starts of its runs in `listed`."""
     device, first, num = context.device, int(begin[0]), int(begin[-1] - begin[0])
     records = device.scratch("nearby_records", num * context.dtypes["NearbySplat"].itemsize)
     values = device.scratch("nearby_values", num * VALUES * 8)
@@ -120,17 +121,17 @@ def _records(
 
 
 def double_context(session: Session, camera: Camera, settings: RenderSettings) -> PassContext:
-    """Return the context of the kernels of margins and envelopes."""
+    """Return the context of the kernels of margins and envelopes, in double precision."""
     return PassContext(session.device, camera, settings, TILE, "double")
 
 
 def draws_discs(uploaded: UploadedSplats, settings: RenderSettings) -> bool:
-    """Whether the splats are discs that rays meet, whole: what the kernels know."""
+    """Return True if the splats are ray-cast discs without clip lines; the kernels support no other."""
     return settings.footprint == "raycast" and uploaded.splats.clip is None
 
 
 def has_strict_double(session: Session) -> bool:
-    """Whether the session's device computes in double precision as the kernels' profile asks."""
+    """Return True if the session's device has double precision, and every operation of it is correctly rounded."""
     if not session.supports_double:
         return False
     strictness = session.device.strictness
@@ -141,6 +142,7 @@ def has_strict_double(session: Session) -> bool:
     return not strictness.reason("double")
 
 
-def world_splats(session: Session, uploaded: UploadedSplats) -> Any:
-    """Return the resident's splats in double precision, uploaded once."""
-    return uploaded.on(session.device, "nearby", lambda: upload(session.device, uploaded.splats))
+def world_splats(session: Session, uploaded: UploadedSplats) -> WorldSplats:
+    """Return the splats on the session's device in double precision, uploaded once."""
+    splats: WorldSplats = uploaded.on(session.device, "nearby", lambda: upload(session.device, uploaded.splats))
+    return splats

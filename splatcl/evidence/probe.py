@@ -1,4 +1,8 @@
-"""The passes at one pixel, splat by splat (kernels/probe.cl)."""
+"""Explain one pixel: run the passes there, splat by splat (kernels/evidence/probe.cl).
+
+The kernels call the functions of the visibility and attribute passes. The running sums therefore end at the frame's
+weight, count, Z and particleid, bit for bit. The margins are the float64 oracle's.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +29,7 @@ from splatcl.evidence.probe_report import (
     Sums,
 )
 from splatcl.opencl.passes.attributes import fragment_arguments
-from splatcl.opencl.passes.bin import in_order, listed
+from splatcl.opencl.passes.bin import all_splats, one_tile
 from splatcl.opencl.passes.project import project
 from splatcl.opencl.session import Session, UploadedSplats
 from splatcl.opencl.state.buffers import TileLists
@@ -37,81 +41,74 @@ from splatcl.scene.settings import RenderSettings
 
 Array = NDArray[Any]
 CHUNK = 4096
-"""Records that a work-item looks through."""
+"""Records that one work-item tests."""
 HIT, OUT, EXISTS, ACCEPTED, EDGE_ON, CUT = 1, 2, 4, 8, 16, 32
-"""Bits of ProbedSplat.state (kernels/probe.cl)."""
-CULLED, UNSEEN, MISSED = "culled", "out of near..far", "missed"
+"""Bits of ProbedSplat.state (kernels/evidence/probe.cl)."""
+CULLED, OUT_OF_RANGE, MISSED = "culled", "out of near..far", "missed"
+"""Verdicts of splats that the frame's projection drops."""
+OPTIONS = {"LANES": 1, "CHANNELS": 0}
+"""Build options of kernels/evidence/probe.cl."""
 
 
 @dataclass(frozen=True)
-class AtPixel:
-    """The rows of ProbedSplat (layout.py), each array in splat order, and what the visibility pass found."""
+class ProbedPixel:
+    """The splats at a pixel, and the result of the visibility pass there; arrays are in splat order."""
 
-    seen: Array  # splats that the frame's projection kept
-    unseen: dict[str, Array]  # those it left out, by the reason
-    depth: float  # eye z, scene units
-    particleid: int
+    kept: Array  # (K,) ProbedSplat, splats that the frame's projection keeps
+    dropped: dict[str, Array]  # (D,) ProbedSplat, splats that it drops, by the verdict
+    depth: float  # depth(p), eye z, scene units; inf where no disc is hit
+    particleid: int  # index of the splat that set it; 0xFFFFFFFF where there is none
 
 
 def at_pixel(
     session: Session, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings, pixel: tuple[int, int]
-) -> AtPixel:
-    """Run the passes for one pixel, column and row."""
+) -> ProbedPixel:
+    """Run the passes for one pixel, (column, row). For `Session.call`."""
     device = session.device
     depth, particleid = device.buffer(8), device.buffer(4)
     rows: dict[str, Array] = {}
     known = np.zeros(0, np.uint32)
-    for reason, wider_camera, wider_settings in _projections(camera, settings):
-        context, on_device = session.prepare(uploaded, wider_camera, wider_settings)
+    for verdict, wider_camera, wider_settings in _projections(camera, settings):
+        context, on_device = session.pass_inputs(uploaded, wider_camera, wider_settings)
         view = context.view(on_device.origin)
-        near = _nearby(context, view, on_device, pixel)
-        projected = project(context, view, on_device, near)
-        num = int(near.begin[-1])
-        at = (
-            projected.records,
-            projected.extra,
-            projected.attributes,
-            near.ids,
-            num,
-            *pixel,
-            camera.near,
-            camera.far,
+        lists = _candidates(context, view, on_device, pixel)
+        projected = project(context, view, on_device, lists)
+        num = int(lists.begin[-1])
+        inputs = (
+            projected.records, projected.extra, projected.attributes, lists.ids, num, *pixel, camera.near, camera.far,
             depth,
-        )
+        )  # fmt: skip
         arguments, options = fragment_arguments(context, uploaded.epsilon(settings))
         options = {**projected.options, **options, **OPTIONS, "PREFILTER": PREFILTERS[settings.prefilter]}
-        if not reason:
-            context.run("probe_depth", (1,), *at, particleid, **options)
+        if not verdict:
+            context.run("probe_depth", (1,), *inputs, particleid, **options)
         structs = shading_structs(context) if options["SHADING"] == PER_FRAGMENT else ()
         output = device.buffer(num * context.dtypes["ProbedSplat"].itemsize)
-        context.run("probe_rows", (1,), view, *at, *arguments, output, *structs, **options)
+        context.run("probe_rows", (1,), view, *inputs, *arguments, output, *structs, **options)
         found = device.read(output, (num,), context.dtypes["ProbedSplat"])
-        rows[reason] = found[~np.isin(found["id"], known)]
+        rows[verdict] = found[~np.isin(found["id"], known)]
         known = np.union1d(known, found["id"])
     z, front = device.read(depth, (1,), context.real), device.read(particleid, (1,), np.uint32)
-    return AtPixel(rows.pop(""), rows, z[0].item(), front[0].item())
-
-
-OPTIONS = {"LANES": 1, "CHANNELS": 0}
+    return ProbedPixel(rows.pop(""), rows, z[0].item(), front[0].item())
 
 
 def _projections(camera: Camera, settings: RenderSettings) -> Iterator[tuple[str, Camera, RenderSettings]]:
-    """Yield the frame's own projection, then wider ones: each shows more splats, left out for the reason given."""
+    """Yield the frame's own projection, then wider ones; the verdict is that of the splats which one adds."""
     yield "", camera, settings
     if settings.facing == "cull":
         settings = replace(settings, facing="keep")
         yield CULLED, camera, settings
     near = camera.near * 1e-6 if camera.projection == "perspective" else -1e15
     camera = replace(camera, near=near, far=float("inf"))
-    yield UNSEEN, camera, settings
+    yield OUT_OF_RANGE, camera, settings
     if settings.prefilter == "none":
         yield MISSED, camera, replace(settings, prefilter="min")
 
 
-def _nearby(context: PassContext, view: Any, splats: DeviceSplats, pixel: tuple[int, int]) -> TileLists:
-    """List the splats that are nearly at the pixel."""
+def _candidates(context: PassContext, view: Any, splats: DeviceSplats, pixel: tuple[int, int]) -> TileLists:
+    """List the splats whose disc or pre-filter, enlarged by `REACH`, covers the pixel."""
     device, found = context.device, [np.zeros(0, np.int32)]
-    for lists in in_order(context, splats.num_splats):
+    for lists in all_splats(context, splats.num_splats):
         projected, num = project(context, view, splats, lists), int(lists.begin[-1])
         num_chunks = -(-num // CHUNK)
         ids, counts = device.buffer(num * 4), device.buffer(num_chunks * 4)
@@ -120,9 +117,9 @@ def _nearby(context: PassContext, view: Any, splats: DeviceSplats, pixel: tuple[
             lists.ids, num, CHUNK, *pixel, REACH, context.settings.prefilter_radius**-2, ids, counts,
             **{**projected.options, **fragment_arguments(context, 0.0)[1], **OPTIONS},
         )  # fmt: skip
-        lengths, places = device.read(counts, (num_chunks,), np.int32), device.read(ids, (num,), np.int32)
-        found += [places[i * CHUNK : i * CHUNK + length] for i, length in enumerate(lengths)]
-    return listed(context, np.concatenate(found))
+        lengths, chosen = device.read(counts, (num_chunks,), np.int32), device.read(ids, (num,), np.int32)
+        found += [chosen[i * CHUNK : i * CHUNK + length] for i, length in enumerate(lengths)]
+    return one_tile(context, np.concatenate(found))
 
 
 def probe(
@@ -131,22 +128,36 @@ def probe(
     camera: Camera,
     settings: RenderSettings,
     aovs: Mapping[str, Array],
-    x: int,
-    y: int,
+    pixel: tuple[int, int],
 ) -> Probe:
-    """Explain the pixel in column `x` and row `y` of a frame; see `Frame.probe`.
+    """Explain a pixel of a frame; see `Frame.probe`.
 
-    `uploaded` is prepared for the settings (`UploadedSplats.prepared`); `aovs` are the frame's.
+    Parameters
+    ----------
+    session : Session
+    uploaded : UploadedSplats
+        Prepared for the settings (`UploadedSplats.prepared`).
+    camera, settings
+        Those of the frame.
+    aovs : mapping of str to array
+        AOVs of the frame.
+    pixel : tuple of int
+        Column and row.
+
+    Raises
+    ------
+    SplatclError
+        The pixel is outside the image.
     """
+    x, y = pixel
     if not (0 <= x < camera.width and 0 <= y < camera.height):
         raise SplatclError(
             f"pixel ({x}, {y}) is outside the image: x is 0 to {camera.width - 1}, y is 0 to {camera.height - 1}"
         )
-    found = session.call(at_pixel, uploaded, camera, settings, (x, y))
-    rows = sorted(
-        [*_seen_rows(found.seen, settings), *_unseen_rows(found.unseen, found.seen)], key=lambda row: row.splat
-    )
-    margins = _margins(uploaded, [row.splat for row in rows], camera, settings, x, y)
+    found = session.call(at_pixel, uploaded, camera, settings, pixel)
+    rows = [*_kept_rows(found.kept, settings), *_dropped_rows(found.dropped, found.kept)]
+    rows.sort(key=lambda row: row.splat)
+    margins = _margins(uploaded, [row.splat for row in rows], camera, settings, pixel)
     return Probe(
         x,
         y,
@@ -163,8 +174,8 @@ def probe(
     )
 
 
-def _seen_rows(seen: Array, settings: RenderSettings) -> Iterator[ProbeRow]:
-    for raw in seen:
+def _kept_rows(kept: Array, settings: RenderSettings) -> Iterator[ProbeRow]:
+    for raw in kept:
         state = int(raw["state"])
         if state & ACCEPTED:
             verdict = "disc" if state & HIT else FILTER
@@ -173,18 +184,17 @@ def _seen_rows(seen: Array, settings: RenderSettings) -> Iterator[ProbeRow]:
         elif state & EXISTS:
             verdict = BEHIND
         else:
-            verdict = (
-                EDGE_ON_SPLAT if state & EDGE_ON else UNSEEN if state & OUT else CLIPPED if state & CUT else MISSED
-            )
+            reasons = ((EDGE_ON, EDGE_ON_SPLAT), (OUT, OUT_OF_RANGE), (CUT, CLIPPED))
+            verdict = next((reason for bit, reason in reasons if state & bit), MISSED)
         yield _row(raw, verdict, _sums(raw))
 
 
-def _unseen_rows(unseen: dict[str, Array], seen: Array) -> Iterator[ProbeRow]:
-    """Yield rows of splats that the passes never saw: the sums stay as they are."""
-    for reason, rows in unseen.items():
+def _dropped_rows(dropped: dict[str, Array], kept: Array) -> Iterator[ProbeRow]:
+    """Yield rows of splats that the projection drops; their sums are those of the kept splat before."""
+    for reason, rows in dropped.items():
         for raw in rows:
-            before = np.searchsorted(seen["id"], raw["id"])
-            sums = _sums(seen[before - 1]) if before else Sums(0.0, (0.0,) * 3, (0.0,) * 3, 0)
+            before = np.searchsorted(kept["id"], raw["id"])
+            sums = _sums(kept[before - 1]) if before else Sums(0.0, (0.0,) * 3, (0.0,) * 3, 0)
             verdict = EDGE_ON_SPLAT if raw["state"] & EDGE_ON and reason == MISSED else reason
             yield replace(_row(raw, verdict, sums), weight=0.0)
 
@@ -203,15 +213,16 @@ def _row(raw: Any, verdict: str, sums: Sums) -> ProbeRow:
 
 
 def _margins(
-    uploaded: UploadedSplats, ids: list[int], camera: Camera, settings: RenderSettings, x: int, y: int
+    uploaded: UploadedSplats, ids: list[int], camera: Camera, settings: RenderSettings, pixel: tuple[int, int]
 ) -> list[float]:
-    """Return the oracle's margin of each splat's decisions at the pixel, beside the other splats listed."""
+    """Return the oracle's margin of each splat's decisions at the pixel, in the presence of the other `ids`."""
     num = len(ids)
     if not num:
         return []
-    settings = replace(settings, circular=False)  # the uploaded splats are circles already
-    projected = oracle.project(uploaded.splats.take(ids), camera, settings)
-    ray = ((x + 0.5 - camera.cx) / camera.fx, (y + 0.5 - camera.cy) / camera.fy, 1.0)
+    settings = replace(settings, circular=False)  # the uploaded splats are already circles
+    projected = oracle.project.project(uploaded.splats.take(ids), camera, settings)
+    column, row = pixel
+    ray = ((column + 0.5 - camera.cx) / camera.fx, (row + 0.5 - camera.cy) / camera.fy, 1.0)
     one = np.zeros(1, np.int64)
     pairs = Pairs(one, one, np.arange(num), np.zeros(num, np.int64), np.tile(ray, (num, 1)))
     units, _ = decisions(pairs, fragments(pairs, projected, camera, settings, uploaded.epsilon(settings)))

@@ -1,8 +1,4 @@
-"""Explain one pixel of a frame: every splat that touches it or nearly does, and what became of it.
-
-The numbers are the kernels' own (kernels/probe.cl calls the functions of the visibility and attribute passes), so
-the running sums end at the frame's weight, count, Z and particleid, bit for bit. The margin is the oracle's.
-"""
+"""The report of a probed pixel, as text, HTML and JSON: a row for each splat that touches or nearly touches it."""
 
 from __future__ import annotations
 
@@ -12,27 +8,25 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from splatcl.evidence.host.pairs import MAX_MARGIN
 from splatcl.util.table import html_table, text_table
 
-Array = NDArray[Any]
 Triple = tuple[float, float, float]
 BEHIND = "behind depth + epsilon"
 EDGE_ON_SPLAT = "edge-on"
 CLIPPED = "cut off by a clip line"
 REACH = 1.25
-"""A splat is nearly at a pixel if its disc or its pre-filter's, this many times as large, covers the pixel."""
+"""A splat is listed if its disc or pre-filter, enlarged by this factor, covers the pixel."""
 FILTER, FOOTPRINT = "pre-filter", "footprint, beside the disc"
 
 
 @dataclass(frozen=True)
 class Sums:
-    """Sums over the accepted fragments so far."""
+    """Sums over the accepted fragments of the splats so far."""
 
     weight: float
-    color: Triple
+    color: Triple  # linear RGB
     normal: Triple  # eye space
     count: int
 
@@ -44,36 +38,36 @@ class ProbeRow:
     splat: int
     u: float  # disc coordinates where the ray meets the splat's plane
     v: float
-    r2d: float  # from the pre-filter's centre, in its radii, or in a footprint's ellipse; inf where there is none
+    r2d: float  # distance from the pre-filter's center in its radii, or r of an elliptical footprint; else inf
     r3d: float  # sqrt(u^2 + v^2); inf for an edge-on splat
-    z: float  # eye z of the fragment, scene units; of the ray's meeting with the plane where there is none
-    weight: float  # the fragment's own, accepted or not; 0 where there is none
-    verdict: str  # "disc", "pre-filter" or "footprint ...", which accepted it; else why it was not
-    margin: float  # how near a decision about it is to flipping, in its own rounding errors (splatcl/oracle)
+    z: float  # eye z of the fragment, scene units; without a fragment, where the ray meets the splat's plane
+    weight: float  # of the fragment, whether accepted or not; 0 without a fragment
+    verdict: str  # what accepted the splat: "disc", "pre-filter" or "footprint ..."; else why it is not in the sums
+    margin: float  # distance of its nearest decision from flipping, in units of that decision's rounding error
     sums: Sums
 
     @property
     def accepted(self) -> bool:
-        """Whether it is in the sums."""
+        """True if the splat is in the sums."""
         return self.verdict in ("disc", FILTER, FOOTPRINT)
 
 
 @dataclass(frozen=True)
 class Probe:
-    """What happened at the pixel (x, y) of a frame; print it, or see it in a notebook."""
+    """Explanation of one pixel of a frame; print it, or show it in a notebook."""
 
-    x: int
-    y: int
+    x: int  # column
+    y: int  # row
     rows: tuple[ProbeRow, ...]  # in splat order
-    depth: float  # depth(p), eye z, scene units; inf where no disc was hit
-    particleid: int  # the splat that set it; 0xFFFFFFFF for none
+    depth: float  # depth(p), eye z, scene units; inf where no disc is hit
+    particleid: int  # index of the splat that set it; 0xFFFFFFFF where there is none
     epsilon: float  # scene units, along eye z or the ray as the settings say
     weight: float
     count: int
-    albedo: Triple  # what was blended: lit already where shading is not deferred
+    albedo: Triple  # linear RGB, blended; shaded already unless shading is deferred
     normal: Triple  # unit, eye space
     color: tuple[float, float, float, float]  # linear RGBA
-    margin: float  # the least of the rows'
+    margin: float  # least margin of the rows
 
     def __str__(self) -> str:
         lines = [f"pixel ({self.x}, {self.y}): {self._summary()}"]
@@ -87,7 +81,7 @@ class Probe:
         return f"<p>pixel ({self.x}, {self.y}): {self._summary()}</p>{table}<p>{result}</p>"
 
     def to_json(self) -> str:
-        """Return everything as JSON; null stands for an infinite or undefined number."""
+        """Return everything as JSON; an infinite or undefined number becomes null."""
         return json.dumps(_finite(asdict(self)), indent=1, allow_nan=False)
 
     def _summary(self) -> str:

@@ -1,4 +1,4 @@
-"""The AOVs of a rendered frame, on the device until they are asked for."""
+"""The AOVs of a drawn frame; each stays on the device until it is first read."""
 
 from __future__ import annotations
 
@@ -11,46 +11,42 @@ from numpy.typing import NDArray
 from splatcl.errors import DeviceError
 from splatcl.opencl.device.devices import forked
 from splatcl.opencl.passes.shade import resolve
-from splatcl.opencl.state.buffers import DepthBuffer, GBuffer
+from splatcl.opencl.state.buffers import Raster
 from splatcl.opencl.state.context import PassContext
 from splatcl.scene.splats import PREFIX
 
 
 class DeviceAovs(Mapping[str, NDArray[Any]]):
-    """The AOVs of one frame, read from the device, and resolved there, when first asked for."""
+    """AOVs of one frame by name, read from the device at first use.
 
-    def __init__(
-        self,
-        context: PassContext,
-        view: Any,
-        depth: DepthBuffer,
-        gbuffer: GBuffer,
-        color: Any,
-        channels: Mapping[str, tuple[Any, int]] | None = None,
-    ) -> None:
+    The first use of an AOV that is a mean, such as N, also resolves the sums on the device.
+    """
+
+    def __init__(self, context: PassContext, raster: Raster, color: Any) -> None:
         self._context = context
-        self._channels = {PREFIX + name: place for name, place in (channels or {}).items()}
-        self._resolve: Callable[[], dict[str, Any]] = lambda: resolve(context, view, depth, gbuffer)
+        self._channels = {PREFIX + name: channel for name, channel in raster.channels.items()}
+        self._resolve: Callable[[], dict[str, Any]] = lambda: resolve(context, raster)
+        # Each AOV's buffer, number of channels, and dtype if it is not the frame's real.
         self._buffers: dict[str, tuple[Any, int, str]] = {
             "color": (color, 4, ""),
-            "Z": (depth.depth, 1, ""),
+            "Z": (raster.depth.depth, 1, ""),
             "depth.mean": (None, 1, ""),
             "depth.distance": (None, 1, ""),
             "P": (None, 3, ""),
             "N": (None, 3, ""),
             "albedo": (None, 3, ""),
-            "weight": (gbuffer.weight_sum, 1, ""),
-            "count": (gbuffer.count, 1, "u4"),
-            "particleid": (depth.particleid, 1, "u4"),
+            "weight": (raster.gbuffer.weight_sum, 1, ""),
+            "count": (raster.gbuffer.count, 1, "u4"),
+            "particleid": (raster.depth.particleid, 1, "u4"),
             **{name: (image, 3, "") for name, (image, _) in self._channels.items()},
         }
         if context.settings.shading != "deferred":
-            del self._buffers["albedo"]  # what was blended is lit
+            del self._buffers["albedo"]  # forward shading blends shaded colors
         self._arrays: dict[str, NDArray[Any]] = {}
 
     def __getitem__(self, name: str) -> NDArray[Any]:
         if name not in self._arrays and forked():
-            raise DeviceError(f"read the frame's {name} before forking: a forked process cannot reach its device")
+            raise DeviceError(f"cannot read the frame's {name} in a forked process: read it before the fork")
         if name not in self._arrays:
             with self._context.device.lock:
                 self._arrays[name] = self._read(name)

@@ -1,7 +1,8 @@
-"""All passes of a frame, in order ([BHZK05] figure 1): read this first.
+"""All passes of a frame, in order ([BHZK05] figure 1); read this module first.
 
-bin lists the splats of each tile, project makes their records, visibility finds depth(p), attributes sums the
-fragments within epsilon of it, and shade lights each pixel once. kernels/passes has a kernel of each name.
+`bin` lists the splats of each tile. `project` makes a record of each listed splat. `visibility` finds depth(p), the
+depth of the nearest disc at pixel p. `attributes` sums the fragments within epsilon of depth(p). `shade` lights each
+pixel once. Each pass has a module in passes/ and a kernel of the same name in kernels/passes/.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from typing import Any
 from numpy.typing import NDArray
 
 from splatcl.opencl.aovs import DeviceAovs
-from splatcl.opencl.passes.attributes import attributes, channels
+from splatcl.opencl.passes.attributes import attribute_channels, attribute_images, attributes, named_channels
 from splatcl.opencl.passes.bin import bin
-from splatcl.opencl.passes.shade import shade
-from splatcl.opencl.passes.shadow import cast
-from splatcl.opencl.passes.visibility import project_and_see
+from splatcl.opencl.passes.shade import shade, shading_metadata
+from splatcl.opencl.passes.shadow import shadow
+from splatcl.opencl.passes.visibility import project_and_find_depth
 from splatcl.opencl.session import Session, UploadedSplats
-from splatcl.opencl.state.buffers import Band, Shadows
+from splatcl.opencl.state.buffers import Band, Raster, Shadows
 from splatcl.opencl.state.context import PassContext, frame_buffers
 from splatcl.opencl.state.lights import light_options
 from splatcl.opencl.state.upload import DeviceSplats
@@ -31,12 +32,12 @@ from splatcl.scene.splats import Splats
 
 @dataclass(frozen=True)
 class Drawn:
-    """The AOVs of a frame, how they were made, and the splats that they show."""
+    """A drawn frame: its AOVs, how they were made, and the splats that they show."""
 
-    aovs: Mapping[str, NDArray[Any]]
-    settings: RenderSettings
+    aovs: Mapping[str, NDArray[Any]]  # (H, W) or (H, W, channels), by name
+    settings: RenderSettings  # in effect for these splats (`effective_settings`)
     metadata: dict[str, Any]
-    uploaded: UploadedSplats
+    uploaded: UploadedSplats  # prepared for the settings
 
 
 def draw(session: Session, splats: Splats | UploadedSplats, camera: Camera, settings: RenderSettings) -> Drawn:
@@ -52,17 +53,17 @@ def draw(session: Session, splats: Splats | UploadedSplats, camera: Camera, sett
     Returns
     -------
     Drawn
-        AOVs stay on the device until they are first read. The metadata holds the epsilon used, the device and the
-        splats' notes.
+        The AOVs stay on the device until they are first read. The metadata holds the epsilon in scene units, the
+        device and the splats' notes.
 
     Raises
     ------
     SettingsError
         The settings have no meaning for these splats.
     DeviceError
-        The image is too large for the device, or it lacks the precision.
+        The image is too large for the device, or the device lacks the precision.
     """
-    uploaded = session.uploaded(splats).prepared(settings)
+    uploaded = session.as_uploaded(splats).prepared(settings)
     settings = effective_settings(settings, uploaded.splats.oriented)
     aovs, metadata = session.call(_draw, uploaded, camera, settings)
     return Drawn(aovs, settings, metadata, uploaded)
@@ -71,48 +72,49 @@ def draw(session: Session, splats: Splats | UploadedSplats, camera: Camera, sett
 def _draw(
     session: Session, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings
 ) -> tuple[Mapping[str, NDArray[Any]], dict[str, Any]]:
-    """Draw the image, in one piece or window by window; return its AOVs and metadata. For `Session.call`."""
-    epsilon, splats, shadows = uploaded.epsilon(settings), uploaded.splats, None
+    """Draw the image in one piece, or window by window; return its AOVs and metadata. For `Session.call`."""
+    epsilon, shadows = uploaded.epsilon(settings), None
     if "SHADOWS" in light_options(settings):
-        shadows = cast(*session.prepare(uploaded, camera, settings), uploaded.sphere, epsilon)
+        context, splats = session.pass_inputs(uploaded, camera, settings)
+        shadows = shadow(context, splats, uploaded.sphere, epsilon)
 
     def window(camera: Camera, first: tuple[int, int] = (0, 0)) -> DeviceAovs:
-        return _draw_window(*session.prepare(uploaded, camera, settings, first), epsilon, shadows)
+        context, splats = session.pass_inputs(uploaded, camera, settings, first)
+        return _draw_window(context, splats, epsilon, shadows)
 
     n = settings.supersampling
     aovs = window(camera) if n == 1 else supersampled(camera, n, window, NEIGHBORS.get(settings.shader, 0))
-    metadata = {
-        "epsilon": epsilon,
-        "num_splats": len(splats),
-        "num_dropped": splats.num_dropped,
-        "notes": list(splats.notes),
-        "device": f"{session.device.info.version}, {session.device.info.name}",
-    }
-    if shadows:
-        metadata["shadow_bias"] = shadows.bias
-    if inexact := session.device.strictness.reason(settings.precision):
-        metadata["inexact"] = inexact
-    return aovs, metadata
+    return aovs, _metadata(session, uploaded, settings, shadows)
 
 
 def _draw_window(
     context: PassContext, splats: DeviceSplats, epsilon: float, shadows: Shadows | None = None
 ) -> DeviceAovs:
-    """Run every pass for the context's window."""
+    """Run every pass for the context's window. `bin` yields bands of tiles, which bound the memory."""
     view = context.view(splats.origin)
     depth, gbuffer = frame_buffers(context)
-    images = [(context.image(3), context.image(3)) for _ in splats.channels]
+    images = attribute_images(context, splats.attribute_groups)
     for lists in bin(context, view, splats):
-        projected = project_and_see(context, view, splats, lists, depth, epsilon)
+        projected = project_and_find_depth(context, view, splats, lists, depth, epsilon)
         band = Band(view, lists, projected, depth, epsilon)
         attributes(context, band, gbuffer)
-        for group, sums in zip(splats.channels, images, strict=True):
-            channels(context, band, group.values, sums)
-    named = {
-        name: (sums[k // 3], k % 3)
-        for group, sums in zip(splats.channels, images, strict=True)
-        for k, name in enumerate(group.names)
-        if name
+        attribute_channels(context, band, splats.attribute_groups, images)
+    channels = named_channels(splats.attribute_groups, images)
+    raster = Raster(view, depth, gbuffer, epsilon, channels)
+    color = shade(context, raster, shadows)
+    return DeviceAovs(context, raster, color)
+
+
+def _metadata(
+    session: Session, uploaded: UploadedSplats, settings: RenderSettings, shadows: Shadows | None
+) -> dict[str, Any]:
+    """Return what a frame records of its render."""
+    splats, device = uploaded.splats, session.device
+    return {
+        "epsilon": uploaded.epsilon(settings),
+        "num_splats": len(splats),
+        "num_dropped": splats.num_dropped,
+        "notes": list(splats.notes),
+        "device": f"{device.info.version}, {device.info.name}",
+        **shading_metadata(device, settings, shadows),
     }
-    color = shade(context, view, depth, gbuffer, epsilon, named, shadows)
-    return DeviceAovs(context, view, depth, gbuffer, color, named)

@@ -1,4 +1,4 @@
-"""Shade AOVs again: no splats, no raster passes."""
+"""Shade the AOVs of a frame again, without its splats and raster passes."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.errors import SettingsError, SplatclError
-from splatcl.opencl.passes.shade import shade_surface
-from splatcl.opencl.passes.shadow import cast
+from splatcl.opencl.passes.shade import shade_surface, shading_metadata
+from splatcl.opencl.passes.shadow import shadow
 from splatcl.opencl.session import Session, UploadedSplats
 from splatcl.opencl.state.buffers import Channels, Surface
 from splatcl.opencl.state.context import PassContext
 from splatcl.opencl.state.lights import light_options
-from splatcl.opencl.state.upload import GLOSS, channel_names
+from splatcl.opencl.state.upload import PHONG_ATTRIBUTES, channel_names
 from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import PREFIX
 
 Aovs = Mapping[str, NDArray[Any]]
 SURFACE = ("P", "N", "albedo")
-"""AOVs, (H, W, 3), that shading needs."""
-SHADING = ("shader", "user_shader", "user_shader_name", "lights", "material", "npr", "time")
-"""Settings that shading takes; all other settings say how the AOVs were made."""
+"""AOVs that shading needs, (H, W, 3)."""
+SHADING_SETTINGS = ("shader", "user_shader", "user_shader_name", "lights", "material", "npr", "time")
+"""Settings that shading reads; all other settings say how the AOVs were made."""
 
 
 def relight(
@@ -43,12 +43,13 @@ def relight(
     ----------
     session : Session
     aovs : mapping of str to array
-        P, N and albedo (eye space, (H, W, 3)); weight (H, W) or color say where there is a surface.
+        P and N (eye space) and albedo (linear RGB), (H, W, 3). A pixel has a surface if its weight (H, W) is above 0;
+        without weight, the alpha of color decides; without either, a normal other than 0.
     camera : Camera
     settings : RenderSettings
-        From `shading_settings`.
+        As `shading_settings` returns them.
     epsilon : float or None
-        The render's depth tolerance, scene units; None if it is not known.
+        Depth tolerance of the render, scene units; None if unknown.
     casters : UploadedSplats or None
         The splats that cast shadows.
 
@@ -57,7 +58,7 @@ def relight(
     color : (H, W, 4) array
         Linear RGBA.
     metadata : dict
-        What the frame records of this shading.
+        Entries that this shading adds to the frame's metadata.
 
     Raises
     ------
@@ -68,38 +69,47 @@ def relight(
     """
     if settings.shader == "npr" and settings.npr.contour == "auto" and epsilon is None:
         raise SettingsError("npr.contour='auto' needs the render's epsilon, which this frame lacks; give a number")
-    arguments = _surface(aovs, camera), _attributes(aovs, camera, settings), camera, settings, float(epsilon or 0.0)
-    return session.call(_shade, *arguments, casters if "SHADOWS" in light_options(settings) else None)
+    inputs = _surface(aovs, camera) | _attributes(aovs, camera, settings)
+    casters = casters if "SHADOWS" in light_options(settings) else None
+    return session.call(_shade, inputs, camera, settings, float(epsilon or 0.0), casters)
 
 
 def shading_settings(
     own: RenderSettings, settings: RenderSettings | None, changes: Mapping[str, Any]
 ) -> RenderSettings:
-    """Return a frame's `own` settings with the shading of `settings` and `changes`; refuse any other change."""
+    """Return a frame's `own` settings with the shading of `settings` and `changes`.
+
+    Raises
+    ------
+    SplatclError
+        The frame's AOVs cannot be shaded again.
+    SettingsError
+        A change needs a new render, or names no setting.
+    """
     if own.shading != "deferred":
         each = "fragment" if own.shading == "fragment" else "splat"
         raise SplatclError(
-            f"cannot shade this frame again: shading={own.shading!r} lit each {each} before it was blended"
+            f"cannot shade this frame again: shading={own.shading!r} lit each {each} before blending; render it again"
         )
     if own.supersampling > 1:
         raise SplatclError(
             f"cannot shade this frame again: supersampling={own.supersampling} averaged its surface; render it again"
         )
     if unknown := set(changes) - {field.name for field in fields(RenderSettings)}:
-        raise SettingsError(f"no setting {', '.join(sorted(unknown))}; shading takes {', '.join(SHADING)}")
+        raise SettingsError(f"no setting {', '.join(sorted(unknown))}; shading takes {', '.join(SHADING_SETTINGS)}")
     wanted, plain = own if settings is None else settings, RenderSettings()
     if changes.get("shader", "user") != "user":
         changes = {"user_shader": "", **changes}
     wanted = replace(wanted, **changes)
     for field in fields(RenderSettings):
         value, kept = getattr(wanted, field.name), getattr(own, field.name)
-        if field.name not in SHADING and value not in (kept, getattr(plain, field.name)):
+        if field.name not in SHADING_SETTINGS and value not in (kept, getattr(plain, field.name)):
             raise SettingsError(f"{field.name}={value!r} needs a new render: this frame was made with {kept!r}")
-    return replace(own, **{name: getattr(wanted, name) for name in SHADING})
+    return replace(own, **{name: getattr(wanted, name) for name in SHADING_SETTINGS})
 
 
 def _surface(aovs: Aovs, camera: Camera) -> dict[str, NDArray[Any]]:
-    """Return P, N, albedo and a weight, above 0 where there is a surface."""
+    """Return P, N, albedo and a weight (H, W) that is above 0 where there is a surface."""
     missing = [name for name in SURFACE if name not in aovs]
     if missing:
         raise SplatclError(f"shading needs the AOVs P, N and albedo; this frame has no {' and no '.join(missing)}")
@@ -116,53 +126,55 @@ def _surface(aovs: Aovs, camera: Camera) -> dict[str, NDArray[Any]]:
 
 
 def _attributes(aovs: Aovs, camera: Camera, settings: RenderSettings) -> dict[str, NDArray[Any]]:
-    """Return the AOVs attribute.NAME by NAME: every one for a user's shader, only Phong's for any other."""
-    names = [name.removeprefix(PREFIX) for name in aovs if name.startswith(PREFIX)]
-    found = {name: np.asarray(aovs[PREFIX + name]) for name in names if name in GLOSS or settings.shader == "user"}
-    for name, values in found.items():
+    """Return the AOVs attribute.NAME: all of them for a user's shader, else only specular and shininess."""
+    found = {}
+    for aov in aovs:
+        name = aov.removeprefix(PREFIX)
+        if name == aov or (name not in PHONG_ATTRIBUTES and settings.shader != "user"):
+            continue
         if not re.fullmatch(r"[A-Za-z_]\w*", name, re.ASCII):
-            raise SplatclError(f"AOV {PREFIX}{name} cannot be a field of s.attribute: use letters, digits and _")
-        _check_shape(PREFIX + name, values, (camera.height, camera.width))
+            raise SplatclError(f"AOV {aov} cannot be a field of s.attribute; use letters, digits and _")
+        found[aov] = np.asarray(aovs[aov])
+        _check_shape(aov, found[aov], (camera.height, camera.width))
     return found
 
 
 def _check_shape(name: str, values: NDArray[Any], shape: tuple[int, ...]) -> None:
     if values.shape != shape or values.dtype.kind not in "fiub":
-        raise SplatclError(f"AOV {name} is {values.dtype} of shape {values.shape}; shading needs numbers of {shape}")
+        raise SplatclError(
+            f"AOV {name} is {values.dtype} of shape {values.shape}; shading needs numbers of shape {shape}"
+        )
 
 
 def _shade(
     session: Session,
-    surface: Aovs,
-    attributes: Aovs,
+    inputs: Aovs,
     camera: Camera,
     settings: RenderSettings,
     epsilon: float,
     casters: UploadedSplats | None,
 ) -> tuple[NDArray[Any], dict[str, Any]]:
-    """Return what `relight` does, from checked AOVs. For `Session.call`."""
+    """Do the work of `relight`, from checked AOVs. For `Session.call`."""
     context, shadows = session.context(camera, settings), None
-    metadata: dict[str, Any] = {}
     if casters:
-        shadows = cast(*session.prepare(casters, camera, settings), casters.sphere, epsilon)
-        metadata["shadow_bias"] = shadows.bias
-    images = {name: context.constant(np.asarray(values, context.real)) for name, values in surface.items()}
-    lit = Surface(images["P"], images["N"], images["albedo"], images["weight"], _channels(context, attributes))
-    color = shade_surface(context, context.view(np.zeros(3)), lit, epsilon, shadows)
-    if inexact := context.device.strictness.reason(settings.precision):
-        metadata["inexact"] = inexact
+        shadows = shadow(*session.pass_inputs(casters, camera, settings), casters.sphere, epsilon)
+    p, n, albedo, weight = (context.constant(np.asarray(inputs[aov], context.real)) for aov in (*SURFACE, "weight"))
+    surface = Surface(p, n, albedo, weight, _channels(context, inputs))
+    color = shade_surface(context, context.view(np.zeros(3)), surface, epsilon, shadows)
+    metadata = shading_metadata(context.device, settings, shadows)
     return context.device.read(color, (camera.height, camera.width, 4), context.real), metadata
 
 
-def _channels(context: PassContext, attributes: Aovs) -> Channels:
-    """Put the attributes on the device three by three, specular and shininess first, as the attribute pass does."""
+def _channels(context: PassContext, inputs: Aovs) -> Channels:
+    """Upload the attributes as images of three channels, in the order of the attribute pass (`channel_names`)."""
+    attributes = {aov.removeprefix(PREFIX): values for aov, values in inputs.items() if aov.startswith(PREFIX)}
     names = channel_names(attributes)
-    places: dict[str, tuple[Any, int]] = {}
+    channels: dict[str, tuple[Any, int]] = {}
     for start in range(0, len(names), 3):
         group = names[start : start + 3]
         image = np.zeros((context.camera.height, context.camera.width, 3), context.real)
         for k, name in enumerate(group):
             image[..., k] = attributes[name] if name else 0
         buffer = context.constant(image)
-        places |= {name: (buffer, k) for k, name in enumerate(group) if name}
-    return places
+        channels |= {name: (buffer, k) for k, name in enumerate(group) if name}
+    return channels

@@ -1,4 +1,4 @@
-"""Session: one OpenCL device, opened once, and the splats that were uploaded to it."""
+"""Session: one OpenCL device, opened once, and the splats uploaded to it."""
 
 from __future__ import annotations
 
@@ -27,27 +27,36 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class UploadedSplats:
-    """Splats that are uploaded once for many frames (`Session.upload`)."""
+    """Splats for many frames with one upload to each device (`Session.upload`).
+
+    The object keeps the splats on the host, and a copy of them on every device that has drawn them.
+    """
 
     splats: Splats
-    auto_epsilon: float
+    auto_epsilon: float  # depth tolerance that "auto" stands for, scene units
     _on_device: dict[tuple[Device, str], Any] = field(default_factory=dict, repr=False)
     _prepared: dict[tuple[bool, bool], UploadedSplats] = field(default_factory=dict, repr=False)
 
     def epsilon(self, settings: RenderSettings) -> float:
-        """Return the depth tolerance, scene units."""
+        """Return the depth tolerance that `settings` ask for, scene units."""
         return self.auto_epsilon if settings.epsilon == "auto" else settings.epsilon
 
     @cached_property
     def sphere(self) -> tuple[NDArray[np.float64], float]:
-        """Bounding sphere of the splats, which shadow maps enclose."""
+        """Center (3,), world space, and radius of the splats' bounding sphere, scene units; shadow maps enclose it."""
         return self.splats.bounding_sphere
 
     def prepared(self, settings: RenderSettings) -> UploadedSplats:
-        """Return the splats as the settings take them, and keep them; `SettingsError` where they cannot."""
+        """Return the splats after `half_inputs` and `circular` of the settings; keep them for the next frame.
+
+        Raises
+        ------
+        SettingsError
+            The settings need a normal field, which the splats lack.
+        """
         if settings.normals == "field" and self.splats.normal_du is None:
             raise SettingsError(
-                "normals='field' needs splats with a normal field: splatcl fields IN -o OUT estimates one, "
+                "normals='field' needs splats with a normal field; splatcl fields IN -o OUT estimates one, "
                 "splatcl decimate --fields fits one to fewer splats"
             )
         key = (settings.half_inputs, bool(settings.circular))
@@ -58,7 +67,7 @@ class UploadedSplats:
         return self._prepared[key]
 
     def on(self, device: Device, layout: str, upload: Callable[[], Any]) -> Any:
-        """Return the splats on `device` in the form named `layout`, made by `upload` when first asked for."""
+        """Return the splats on `device` in the form named `layout`; call `upload` to make them once."""
         if (device, layout) not in self._on_device:
             self._on_device[device, layout] = upload()
         return self._on_device[device, layout]
@@ -68,7 +77,7 @@ class UploadedSplats:
 
 
 class Session:
-    """One OpenCL device, opened once, with its way of working; `splatcl.Renderer` documents the parameters."""
+    """One OpenCL device, opened once, with its tile size, lanes and mapping; see `splatcl.Renderer`."""
 
     def __init__(
         self,
@@ -81,9 +90,9 @@ class Session:
         if tile_size not in TILE_SIZES:
             raise SettingsError(f"tile_size {tile_size} is not one of {TILE_SIZES}")
         if lanes not in (None, 1, 4, 8, 16):
-            raise SettingsError(f"lanes {lanes} is not 1, 4, 8 or 16")
+            raise SettingsError(f"lanes {lanes} is not one of 1, 4, 8, 16")
         if mapping not in (None, "tile", "pixel"):
-            raise SettingsError(f"mapping {mapping!r} is neither 'tile' nor 'pixel'")
+            raise SettingsError(f"mapping {mapping!r} is not one of tile, pixel")
         if mapping == "pixel" and lanes not in (None, 1):
             raise SettingsError(f"mapping='pixel' needs lanes=1, not {lanes}")
         self._arguments = (device, tile_size, lanes, mapping, allow_inexact)
@@ -93,19 +102,19 @@ class Session:
 
     @property
     def supports_double(self) -> bool:
-        """Whether the device has double precision; a forked process cannot ask and assumes that it has."""
+        """True if the device has double precision; a forked process cannot query the device and assumes so."""
         return self._device is None or self._device.info.supports["double"] == "yes"
 
     def upload(self, splats: Splats) -> UploadedSplats:
-        """Return `splats` for many renders with one upload."""
+        """Return `splats` for many frames with one upload."""
         return UploadedSplats(splats, float(np.median(splats.radius)) if len(splats) else 0.0)
 
-    def uploaded(self, splats: Splats | UploadedSplats) -> UploadedSplats:
-        """Return `splats` if they are uploaded already, else upload them for one render."""
+    def as_uploaded(self, splats: Splats | UploadedSplats) -> UploadedSplats:
+        """Return `splats` if they are uploaded already; else upload them for one frame."""
         return splats if isinstance(splats, UploadedSplats) else self.upload(splats)
 
     def call(self, function: Callable[..., Result], *args: Any) -> Result:
-        """Return ``function(session, *args)``, run here, or in the worker of a process that was forked."""
+        """Return ``function(session, *args)``. A forked process runs it in its worker."""
         if self._device is None or forked():
             return worker().call(Session, self._arguments, function, *args)
         with self._device.lock:
@@ -113,14 +122,14 @@ class Session:
 
     @property
     def device(self) -> Device:
-        """The queue that everything runs on. For functions given to `call`."""
+        """The device that all kernels run on. For functions given to `call`."""
         assert self._device
         return self._device
 
-    def prepare(
+    def pass_inputs(
         self, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)
     ) -> tuple[PassContext, DeviceSplats]:
-        """Return the context of one frame's passes, and the splats on the device. For functions given to `call`.
+        """Return the inputs of one frame's passes: context and splats on the device. For functions given to `call`.
 
         `first` is the column and row of a window's first pixel (`PassContext`).
         """
@@ -128,7 +137,7 @@ class Session:
         return context, uploaded.on(device, precision, lambda: upload(device, uploaded.splats, precision))
 
     def context(self, camera: Camera, settings: RenderSettings, first: tuple[int, int] = (0, 0)) -> PassContext:
-        """Return the context of one frame's passes. For functions given to `call`; `first` as for `prepare`."""
+        """Return the context of one frame's passes. For functions given to `call`; `first` as for `pass_inputs`."""
         if settings.precision == "double" and not self.supports_double:
             raise DeviceError(f"{self.device.info.name} has no double precision; choose another device")
         return PassContext(self.device, camera, settings, self._arguments[1], settings.precision, first)

@@ -1,4 +1,4 @@
-"""Supersampling: n x n samples a pixel, drawn window by window and box-filtered (docs/supersampling.md)."""
+"""Supersampling: n x n samples per pixel, drawn window by window and box-filtered (docs/guide/supersampling.md)."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from splatcl.scene.camera import MAX_SIZE, Camera
 from splatcl.scene.settings import Shader
 
 Aovs = Mapping[str, NDArray[Any]]
-Render = Callable[[Camera, tuple[int, int]], Aovs]
-"""Draws a window: the camera of its pixels, and the column and row of its first in the large image."""
+DrawWindow = Callable[[Camera, tuple[int, int]], Aovs]
+"""Draws a window of the image of samples, from its camera and the column and row of its first sample."""
 
 MIN_SAMPLES = 1 << 16
-"""Samples that a window may have however small the image is, that not too many are drawn."""
+"""Least limit on a window's samples; it keeps the windows of a small image few."""
 NEIGHBORS: dict[Shader, int] = {"npr": 1, "user": 8}
-"""How many samples beyond its own each way a shader may look at; none where it is not named."""
+"""Distance in samples up to which a shader reads neighbors; 0 for other shaders."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """Pixels of the image that are drawn together: columns [left, right) of the rows [top, bottom)."""
+    """Pixels of the image that one window draws: columns [left, right) of the rows [top, bottom)."""
 
     left: int
     top: int
@@ -33,29 +33,29 @@ class Block:
 
 
 def supersampled(
-    camera: Camera, n: int, render: Render, margin: int = 0, samples: int | None = None
+    camera: Camera, n: int, render: DrawWindow, margin: int = 0, samples: int | None = None
 ) -> dict[str, NDArray[Any]]:
-    """Return the AOVs of `camera`'s image, of n x n samples a pixel.
+    """Return the AOVs of `camera`'s image, from n x n samples per pixel.
 
     Parameters
     ----------
     camera : Camera
-        Of the image.
+        Camera of the image.
     n : int
-        Samples along a pixel's side.
+        Samples per axis of a pixel.
     render : function
-        Returns a window's AOVs, each (H, W) or (H, W, channels); its camera has its size, and the large image's focal
-        lengths and principal point.
+        Returns a window's AOVs, each (H, W) or (H, W, channels). The window's camera has the window's size, and the
+        focal lengths and principal point of the image of samples.
     margin : int
-        Samples to draw around a block and cut off before filtering, for shaders that look at neighbours.
+        Samples to draw around a block and cut off before filtering, for shaders that read neighbors.
     samples : int, optional
-        About how many a window may have; as many as the image has pixels, or MIN_SAMPLES if those are more, by
-        default. Changes memory and speed, never a bit.
+        Approximate limit on a window's samples. The default is the image's number of pixels, but at least MIN_SAMPLES.
+        The limit changes memory and speed, never a bit.
 
     Returns
     -------
     dict of str to array
-        Each (height, width) or (height, width, channels), of the type that `render` gave.
+        Each (height, width) or (height, width, channels), of the dtype that `render` returns.
     """
     image: dict[str, NDArray[Any]] = {}
     samples = max(MIN_SAMPLES, camera.width * camera.height) if samples is None else samples
@@ -68,7 +68,7 @@ def supersampled(
 
 
 def blocks(camera: Camera, n: int, margin: int, samples: int) -> Iterator[Block]:
-    """Cut the image into blocks of about `samples` samples at most: whole rows, or parts of one that has too many."""
+    """Cut the image into blocks of about `samples` samples at most: whole rows, or parts of one long row."""
     longest = max((MAX_SIZE - 2 * margin) // n, 1)
     pixels = max(samples // n**2, 1)
     columns = min(camera.width, pixels, longest)
@@ -78,8 +78,8 @@ def blocks(camera: Camera, n: int, margin: int, samples: int) -> Iterator[Block]
             yield Block(left, top, min(left + columns, camera.width), min(top + rows, camera.height))
 
 
-def _drawn(camera: Camera, n: int, render: Render, margin: int, block: Block) -> dict[str, NDArray[Any]]:
-    """Return a block's pixels. What its samples took is free when this returns, for the next."""
+def _drawn(camera: Camera, n: int, render: DrawWindow, margin: int, block: Block) -> dict[str, NDArray[Any]]:
+    """Return a block's pixels. The samples' memory is free again when this returns."""
     left, top = max(n * block.left - margin, 0), max(n * block.top - margin, 0)
     right, bottom = (
         min(n * end + margin, n * size) for end, size in ((block.right, camera.width), (block.bottom, camera.height))
@@ -95,25 +95,26 @@ def _drawn(camera: Camera, n: int, render: Render, margin: int, block: Block) ->
 
 
 def box_filtered(samples: Aovs, n: int) -> dict[str, NDArray[Any]]:
-    """Return pixels made of n x n samples each.
+    """Return the pixels of n x n samples each.
 
     Parameters
     ----------
     samples : mapping of str to array
-        The AOVs of `Frame`, (n height, n width) or (n height, n width, channels).
+        AOVs of `Frame`, (n height, n width) or (n height, n width, channels).
     n : int
+        Samples per axis of a pixel.
 
     Returns
     -------
     dict of str to array
-        (height, width) or (height, width, channels), of the same types. Sums are in float64, each pixel's columns
-        from top to bottom first and then their sums from left to right; they are rounded to the AOV's type at the end.
+        (height, width) or (height, width, channels), of the same dtypes. Sums are in float64: each pixel's columns
+        from top to bottom, then the columns' sums from left to right. The AOV's dtype rounds only the result.
     """
     return {name: _filtered(name, samples, n).astype(samples[name].dtype) for name in samples}
 
 
 def _filtered(name: str, samples: Aovs, n: int) -> NDArray[Any]:
-    """Return the AOV `name` of the pixels; which rule each follows is in docs/supersampling.md."""
+    """Return the AOV `name` of the pixels. docs/guide/supersampling.md has the rule of each AOV."""
     values = samples[name]
     if name == "Z":
         return _least(values, n)
@@ -125,14 +126,14 @@ def _filtered(name: str, samples: Aovs, n: int) -> NDArray[Any]:
     if name in ("color", "weight"):
         return _sum(values, n) / n**2
     if name.startswith("depth."):
-        there = np.isfinite(values)
-        return np.where(_sum(there, n) > 0, _mean(np.where(there, values, 0), there, n), np.inf)
+        finite = np.isfinite(values)
+        return np.where(_sum(finite, n) > 0, _mean(np.where(finite, values, 0), finite, n), np.inf)
     mean = _mean(values, samples["weight"] > 0, n)
     return _normalized(mean) if name == "N" else mean
 
 
 def _sum(values: NDArray[Any], n: int) -> NDArray[np.float64]:
-    """Return the sums over n x n samples, in an order that no window and no library changes."""
+    """Return each pixel's sum over n x n samples. Neither the window nor NumPy changes the order of the sum."""
     rows = values.reshape(-1, n, *values.shape[1:])
     down = rows[:, 0].astype(np.float64)
     for i in range(1, n):
@@ -144,9 +145,12 @@ def _sum(values: NDArray[Any], n: int) -> NDArray[np.float64]:
     return across
 
 
-def _mean(values: NDArray[Any], there: NDArray[np.bool_], n: int) -> NDArray[np.float64]:
-    """Return the mean over those of n x n samples that are `there`, (H, W) bool; 0 where none is, as all others are."""
-    number = np.maximum(_sum(there, n), 1)
+def _mean(values: NDArray[Any], valid: NDArray[np.bool_], n: int) -> NDArray[np.float64]:
+    """Return each pixel's mean over the samples where `valid`, (H, W) bool, is true; 0 for a pixel without any.
+
+    `values` must be 0 at the other samples.
+    """
+    number = np.maximum(_sum(valid, n), 1)
     return _sum(values, n) / number.reshape(*number.shape, *(1,) * (values.ndim - 2))
 
 
@@ -157,7 +161,7 @@ def _least(values: NDArray[Any], n: int) -> NDArray[Any]:
 
 
 def _normalized(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return (H, W, 3) unit vectors; one without a length is zero."""
+    """Return (H, W, 3) unit vectors; a zero vector stays zero."""
     x, y, z = np.moveaxis(vectors, -1, 0)
     length = np.sqrt((x * x + y * y) + z * z)[..., None]
     return vectors / np.where(length > 0, length, 1.0)

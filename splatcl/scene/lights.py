@@ -12,35 +12,35 @@ if TYPE_CHECKING:
 
 Vector = tuple[float, float, float]
 MAX_RADIANCE = 1e9
-"""Of an environment's image."""
+"""Largest radiance in an image of the surroundings."""
 
 
 @dataclass(frozen=True)
 class Light:
-    """A white or coloured light (docs/lights.md).
+    """A light source (docs/guide/lights.md). Its intensity does not fall off with distance.
 
     Parameters
     ----------
     kind : {"headlight", "directional", "point", "spot"}
-        At the eye; from a direction; at a position; at a position, within a cone. No light falls off with distance.
+        headlight: at the eye; directional: from a direction; point: at a position; spot: at a position, within a cone.
     vector : (3,) float
-        World space: the direction *toward* a directional light, or the position of a point or spot light. Unused for
-        a headlight.
+        World space: direction *toward* a directional light, or position of a point or spot light. A headlight
+        ignores it.
     color : (3,) float
         Linear RGB intensity.
     direction : (3,) float
-        World space: where a spot light shines. Unused for the others.
+        World space: direction in which a spot light shines. The other kinds ignore it.
     inner, outer : float
-        Degrees from a spot light's direction, 0 <= inner <= outer, 0.1 <= outer <= 89: its full light reaches to
-        `inner`, none is beyond `outer`, and between them it is linear in the angle's cosine.
+        Angles from the direction of a spot light, degrees, 0 <= inner <= outer, 0.1 <= outer <= 89. The light is full
+        up to `inner` and zero beyond `outer`. Between them it is linear in the cosine of the angle.
     shadow : {"none", "nearest", "pcf"}
-        Whether the splats cast shadows in this light, and how its shadow map is read: the nearest texel, or
-        percentage closer filtering, the bilinear mean of four texels' answers. For all but headlights.
+        none: no shadows; nearest: read the nearest texel of the shadow map; pcf: percentage closer filtering, the
+        bilinear mean of four texels' tests. Headlights have no shadows.
     bias : float or "auto"
-        Scene units by which a surface may lie behind the shadow map and still be lit; "auto" is twice the depth
-        tolerance epsilon and two texels' width.
+        Distance by which a surface may lie behind the shadow map and still be lit, scene units; auto: twice the
+        depth tolerance epsilon plus the width of two texels.
     map_size : int
-        Texels of the shadow map each way, 16 to 8192.
+        Width and height of the shadow map, texels, 16 to 8192.
     """
 
     kind: Literal["headlight", "directional", "point", "spot"] = "headlight"
@@ -55,13 +55,25 @@ class Light:
 
     @property
     def has_place(self) -> bool:
-        """Whether it shines from a position of its own."""
+        """Whether the light has a position: a point or spot light."""
         return self.kind in ("point", "spot")
 
 
 @dataclass(frozen=True)
 class Material:
-    """Phong coefficients: color = albedo (ambient + diffuse sum N.L) + specular sum (R.V)^shininess."""
+    """Phong coefficients: color = albedo (ambient + diffuse sum N.L) + specular sum (R.V)^shininess.
+
+    Parameters
+    ----------
+    ambient : float
+        Factor of the albedo that needs no light.
+    diffuse : float
+        Factor of the diffuse term, albedo sum N.L.
+    specular : float
+        Factor of the specular term, sum (R.V)^shininess.
+    shininess : float
+        Exponent of the specular term; larger makes highlights smaller.
+    """
 
     ambient: float = 0.1
     diffuse: float = 0.8
@@ -71,19 +83,19 @@ class Material:
 
 @dataclass(frozen=True)
 class Npr:
-    """What the ``npr`` shader draws: flat tones between dark lines.
+    """Parameters of the shader ``npr``: flat tones between dark lines.
 
     Parameters
     ----------
     tones : tuple of float
-        The 1D transfer table: the diffuse light, 0 ... 1, chooses one of them, each as wide as the others.
+        Transfer table: the diffuse light, 0 to 1, chooses one of these tones, at equal steps.
     contour : float or "auto"
-        Depth jump within the 3x3 neighbourhood from which a pixel belongs to a contour, scene units along eye z;
-        "auto" is four times the depth tolerance epsilon.
+        Depth jump within 3x3 pixels that makes a pixel part of a contour, scene units along the eye's z axis;
+        auto: four times the depth tolerance epsilon.
     silhouette : float
-        Cosine between normal and view below which a pixel belongs to the silhouette.
+        Cosine between normal and view below which a pixel is part of the silhouette.
     line : (3,) float
-        Linear RGB of the lines.
+        Linear RGB of contours and silhouettes.
     """
 
     tones: tuple[float, ...] = (0.15, 0.4, 0.7, 1.0)
@@ -93,42 +105,42 @@ class Npr:
 
 
 def environment_lights(image: ArrayLike, rows: int = 16, up: Literal["y", "z"] = "y") -> tuple[Light, ...]:
-    """Turn an image of the surroundings into directional lights, for ``shader="lightmap"`` (docs/lights.md).
+    """Turn an image of the surroundings into directional lights, for ``shader="lightmap"`` (docs/guide/lights.md).
 
-    Surroundings of radiance 1 everywhere light a surface as one light of colour 1 straight above it does.
+    Surroundings of radiance 1 everywhere light a surface like one light of color 1 straight above it.
 
     Parameters
     ----------
     image : (H, W, 3) float array
-        Linear RGB radiance, equirectangular as OpenEXR's: rows from up to down, the middle column toward +z, the
-        columns right of it toward -x. H is a multiple of `rows` and W of 2 rows, or the image is smaller than that.
+        Linear RGB radiance, equirectangular as in OpenEXR: rows from up to down, the middle column toward +z, the
+        columns right of it toward -x. H must be a multiple of `rows` and W of 2 `rows`, or the image smaller.
     rows : int
-        Rows of lights, twice as many columns: the image is averaged over them.
+        Rows of lights; the columns are twice as many. Each light is the mean over its part of the image.
     up : {"y", "z"}
         World axis that points up. For "z", the middle column is toward -y.
 
     Returns
     -------
     tuple of Light
-        At most 2 rows^2, none for black cells.
+        At most 2 rows^2; black parts of the image have no light.
 
     Raises
     ------
     SettingsError
-        The image is not (H, W, 3), holds numbers that are negative or not finite, or does not fit `rows`.
+        The image is not (H, W, 3), has negative or non-finite numbers, or its size does not fit `rows`.
     """
     import numpy as np  # not for `splatcl --help`
 
     pixels = np.asarray(image, np.float64)
     if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
-        raise SettingsError(f"an environment image is (H, W, 3), not {pixels.shape}")
+        raise SettingsError(f"an environment image must be (H, W, 3), not {pixels.shape}")
     if not ((pixels >= 0) & (pixels <= MAX_RADIANCE)).all():
-        raise SettingsError(f"an environment image holds numbers from 0 to {MAX_RADIANCE:g} alone")
+        raise SettingsError(f"an environment image must hold numbers from 0 to {MAX_RADIANCE:g}")
     height, width = min(rows, pixels.shape[0]), min(2 * rows, pixels.shape[1])
     if rows < 1 or pixels.shape[0] % height or pixels.shape[1] % width or up not in ("y", "z"):
         raise SettingsError(
             f"an environment image of {pixels.shape[1]}x{pixels.shape[0]} cannot be averaged to {2 * rows}x{rows} "
-            f"lights with up={up!r}: choose rows that divide its size, and up='y' or 'z'"
+            f"lights with up={up!r}; choose rows that divide its size, and up='y' or 'z'"
         )
     edges = np.cos(np.pi * np.arange(pixels.shape[0] + 1) / pixels.shape[0])
     solid_angle = (edges[:-1] - edges[1:]) * (2 * np.pi / pixels.shape[1])

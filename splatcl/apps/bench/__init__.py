@@ -1,1 +1,1 @@
-"""Measurements of speed: scenes, a table of configurations, timing, the machine's limits, reports (docs/bench.md)."""
+"""Measure speed: scenes, a table of configurations, timing, the machine's limits, reports (docs/speed/bench.md)."""

@@ -1,4 +1,4 @@
-"""A guard against slow regressions: each pass' time against a calibration kernel of the same run (docs/bench.md).
+"""A guard against slow regressions: each pass' time against a calibration kernel of the same run (docs/speed/bench.md).
 
 ``python -m splatcl.bench.guard FILE`` compares with the ratios stored in FILE, ``--update`` rewrites them. Exit
 status: 0 done, 1 something is much slower than it was, 2 a mistake in what was given.

@@ -18,7 +18,7 @@ from splatcl.opencl.passes.project import project
 from splatcl.opencl.passes.shade import shade
 from splatcl.opencl.passes.visibility import visibility
 from splatcl.opencl.session import UploadedSplats
-from splatcl.opencl.state.buffers import Band, DepthBuffer, ProjectedSplats, TileLists
+from splatcl.opencl.state.buffers import Band, DepthBuffer, ProjectedSplats, Raster, TileLists
 from splatcl.opencl.state.context import BEHIND, PassContext, frame_buffers
 from splatcl.renderer import Renderer
 from splatcl.scene.camera import Camera
@@ -26,9 +26,9 @@ from splatcl.scene.settings import RenderSettings, effective_settings
 
 PASSES = ("bin", "project", "visibility", "attributes", "shade")
 BLOCKS = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
-"""Pixels of one vector by its lanes (kernels/lanes.h)."""
+"""Pixels of one vector by its lanes (kernels/arithmetic/lanes.h)."""
 SMALL = 4
-"""Boxes of at most so many pixels each way are taken a vector of splats at a time (kernels/tile.h)."""
+"""Boxes of at most so many pixels each way are taken a vector of splats at a time (kernels/passes/tile.h)."""
 BOX = ("x_min", "y_min", "x_max", "y_max")
 
 
@@ -60,7 +60,7 @@ class FramePasses:
     def __init__(self, renderer: Renderer, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings) -> None:
         uploaded = uploaded.prepared(settings)
         settings = effective_settings(settings, uploaded.splats.oriented)
-        self._context, self._splats = renderer.prepare(uploaded, camera, settings)
+        self._context, self._splats = renderer.pass_inputs(uploaded, camera, settings)
         self._epsilon = uploaded.epsilon(settings)
         self._view = self._context.view(self._splats.origin)
 
@@ -91,7 +91,7 @@ class FramePasses:
             timed("attributes", attributes, context, Band(view, lists, projected, depth, self._epsilon), gbuffer)
             if tally:
                 tally.add_near(lists, projected, depth)
-        timed("shade", shade, context, view, depth, gbuffer, self._epsilon)
+        timed("shade", shade, context, Raster(view, depth, gbuffer, self._epsilon))
         return seconds
 
     def counts(self) -> Counts:

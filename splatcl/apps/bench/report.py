@@ -1,4 +1,4 @@
-"""Results as tables for a terminal and as JSON."""
+"""Print results as tables and write them as JSON."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from splatcl.apps.timing import Spread
 from splatcl.util.atomic import atomic_path
 
 WIDTH = 156
-"""Columns where the output is no terminal."""
+"""Columns if the output is not a terminal."""
 
 
 def print_tables(results: Sequence[Result], skipped: Sequence[Skipped], limits: Limits) -> None:
-    """Print Table 1, the passes, the ratios, the roofline and what was skipped."""
+    """Print Table 1, the passes, the ratios, the roofline and the skipped configurations."""
     base = [result for result in results if not result.row.factor]
     _print_table("Table 1 of [BHZK05], sphere, 512x512, Phong", TABLE_1, map(_table_1_row, base))
     _print_table(
         "Passes, ms (a wait after each, in each band: the sum exceeds the frame)", PASS_COLUMNS, map(_pass_row, results)
     )
-    _print_table("One factor varied, against cull of the same size", RATIO_COLUMNS, _ratio_rows(results))
+    _print_table("One factor varied, compared with cull of the same size", RATIO_COLUMNS, _ratio_rows(results))
     single, double = (limits.flops.get(precision, 0.0) / 1e9 for precision in ("single", "double"))
     print(
         f"\nLimits: read {limits.read / 1e9:.1f} GB/s, write {limits.write / 1e9:.1f} GB/s, copy "
@@ -53,7 +53,7 @@ ROOFLINE_COLUMNS = (
 )  # fmt: skip
 COMPARISON_COLUMNS = (
     "facing", "splats", "splatcl ms", "quartiles ms", "llvmpipe ms", "quartiles ms", "times as fast", "sorted ms",
-    "times as fast", "colour differs", "coverage differs",
+    "times as fast", "color differs", "coverage differs",
 )  # fmt: skip
 
 
@@ -109,7 +109,7 @@ def _roofline_rows(result: Result, limits: Limits) -> Iterable[tuple[str, ...]]:
 
 
 def print_comparisons(comparisons: Sequence[Comparison]) -> None:
-    """Print how splatcl and the other renderer compare."""
+    """Print the comparisons of splatcl with another renderer."""
     name = comparisons[0].renderer_name
     _print_table(
         f"splatcl against OpenGL on {name}, sphere, 512x512", COMPARISON_COLUMNS, map(_comparison_row, comparisons)
@@ -146,7 +146,7 @@ def _quartiles(spread: Spread) -> str:
 
 
 def results_as_json(results: Sequence[Result], skipped: Sequence[Skipped], limits: Limits) -> dict[str, Any]:
-    """Return everything that was measured."""
+    """Return all measurements as JSON's types."""
     return {
         "limits": vars(limits),
         "rows": [

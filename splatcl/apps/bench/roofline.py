@@ -36,7 +36,7 @@ class Limits:
 
 
 class Roofline:
-    """The kernels of kernels/roofline.cl on one device, and how much each moves or computes.
+    """The kernels of kernels/bench/roofline.cl on one device, and how much each moves or computes.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Roofline:
         self._numbers, self._copy = device.buffer(self.num_bytes), device.buffer(self.num_bytes)
         self._sums = device.buffer(self._num_items * self._lanes * real.itemsize)
         options = {"LANES": self._lanes, "DOUBLE": int(precision == "double"), "STREAMS": STREAMS, "CHAINS": CHAINS}
-        self._program = device.program("roofline.cl", "", **options, **device.strictness.options(precision))
+        self._program = device.program("bench/roofline.cl", "", **options, **device.strictness.options(precision))
         for touch in (self.write, self.copy, self.read):
             touch()
 

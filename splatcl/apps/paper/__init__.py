@@ -1,1 +1,1 @@
-"""``splatcl paper``: the papers' claims, rerun; each experiment measures what a figure or a table shows."""
+"""``splatcl paper``: rerun the papers' claims; each experiment measures the content of a figure or a table."""

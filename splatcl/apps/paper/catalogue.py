@@ -1,4 +1,4 @@
-"""Every experiment by its name, in the order of the papers."""
+"""All experiments by name, in the order of the papers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ EXPERIMENTS: dict[str, Experiment] = {
 
 
 def chosen(names: Sequence[str]) -> list[Experiment]:
-    """Return the experiments of these names, all of them for none; `SettingsError` names the choices."""
+    """Return the experiments of these names, or all for no names; `SettingsError` lists the choices."""
     for name in names:
         if name not in EXPERIMENTS:
             raise SettingsError(f"no experiment {name!r}; there are {', '.join(EXPERIMENTS)}")

@@ -1,4 +1,4 @@
-"""What an experiment is given and what it returns."""
+"""The input and the result of an experiment."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
 
 LEAST = 16
-"""Pixels, splats or samples that even the smallest run has."""
+"""Least number of pixels or splats, in even the smallest run."""
 
 
 class Figure(NamedTuple):
-    """A number that was measured: of what, which measure, in which unit."""
+    """A measured number: the object `of`, the measure, the value and its unit."""
 
     of: str
     measure: str
@@ -33,7 +33,7 @@ class Figure(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """What a paper says, in our words, and what is found here."""
+    """A paper's statement in our words, the finding here, and whether the statement holds."""
 
     says: str
     here: str
@@ -42,20 +42,20 @@ class Claim(NamedTuple):
 
 @dataclass(frozen=True)
 class Result:
-    """What an experiment found.
+    """The result of one experiment.
 
     Parameters
     ----------
     name : str
-        That of its function.
+        Name of the experiment's function.
     title : str
-        Which figure, table or section it reruns.
+        Figure, table or section that the experiment reruns.
     figures : tuple of Figure
     claims : tuple of Claim
     images : mapping of str to Frame or (H, W), (H, W, 3) or (H, W, 4) float array
         Arrays are linear and become PNG; a Frame becomes PNG and OpenEXR, with every AOV.
     notes : tuple of str
-        Sentences: what names mean, and what could not be measured.
+        Sentences that explain names, or say which measure is missing.
     """
 
     name: str
@@ -68,24 +68,24 @@ class Result:
 
 @dataclass(frozen=True)
 class Run:
-    """Where an experiment renders and how large.
+    """The renderer of an experiment and the size of its images.
 
     Parameters
     ----------
     renderer : Renderer
     scale : float
-        Lengths of images in units of those of the full run; numbers of splats go with its square.
+        Side of the images in units of the full run. Numbers of splats scale with its square.
     """
 
     renderer: Renderer
     scale: float = 1.0
 
     def pixels(self, length: int) -> int:
-        """Return the length of an image's side that is `length` pixels in the full run."""
+        """Return the length, in pixels, of an image side that has `length` pixels in the full run."""
         return max(LEAST, round(self.scale * length))
 
     def number(self, count: int) -> int:
-        """Return how many splats stand for `count` of the full run."""
+        """Return the number of splats that replaces `count` splats of the full run."""
         return max(LEAST, round(self.scale**2 * count))
 
     def render(self, splats: Splats, camera: Camera, **settings: Any) -> Frame:

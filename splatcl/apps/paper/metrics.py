@@ -1,4 +1,4 @@
-"""How far two images are apart, and other numbers that are read off images."""
+"""Differences of two images, and other measures of images."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FLIP_SECONDS = 120
 
 
 def differences(image: Array, reference: Array, mask: Array) -> tuple[float, float]:
-    """Return the largest and the mean absolute difference of two (H, W, ...) images where the (H, W) mask is."""
+    """Return the largest and the mean absolute difference of two (H, W, ...) images over an (H, W) mask."""
     apart = np.abs(image[mask].astype(np.float64) - reference[mask])
     return (float(apart.max()), float(apart.mean())) if apart.size else (0.0, 0.0)
 
@@ -36,7 +36,7 @@ def differences(image: Array, reference: Array, mask: Array) -> tuple[float, flo
 def psnr(image: Array, reference: Array, mask: Array | None = None) -> float:
     """Return the peak signal-to-noise ratio, dB, of (H, W, 3) images whose white is 1; inf if they are equal.
 
-    `mask` (H, W) says which pixels count, all by default.
+    `mask` (H, W) selects the pixels that count; all by default.
     """
     where = np.ones(image.shape[:2], bool) if mask is None else mask
     error = float(np.mean(np.square(image[where].astype(np.float64) - reference[where])))
@@ -56,8 +56,8 @@ def ssim(image: Array, reference: Array) -> float:
 def flip(image: Array, reference: Array) -> float | None:
     """Return the mean FLIP error, 0 ... 1, of (H, W, 3) linear images on a display of 67 pixels a degree.
 
-    None without the package flip-evaluator, which runs in a process of its own since it ends the process where it
-    does not like an image. `SplatclError` where it fails.
+    It is None without the package flip-evaluator. The package runs in a process of its own, because it ends the process
+    when it rejects an image. `SplatclError` is raised if it fails.
     """
     if find_spec("flip_evaluator") is None:
         return None
@@ -86,7 +86,7 @@ def box_filtered(image: Array, n: int) -> Array:
 
 
 def num_levels(values: Array) -> int:
-    """Return how many different numbers there are."""
+    """Return the number of different values."""
     return len(np.unique(values))
 
 
@@ -97,7 +97,7 @@ def angles(normals: Array, reference: Array) -> Array:
 
 
 def area(weight: Array) -> int:
-    """Return how many pixels have a weight."""
+    """Return the number of pixels with a weight above 0."""
     return int(np.count_nonzero(weight))
 
 

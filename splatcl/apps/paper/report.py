@@ -1,4 +1,4 @@
-"""Results on a terminal, as a folder of images with an index, and as a page of the documentation."""
+"""Write results to the terminal, to a folder of images with an index, and to a page of the documentation."""
 
 from __future__ import annotations
 
@@ -18,24 +18,34 @@ from splatcl.io.png import write_png
 from splatcl.util.atomic import atomic_path
 
 WIDTH = 120
-"""Columns where the output is no terminal."""
+"""Columns if the output is not a terminal."""
 PER_ROW, GAP = 4, 4
-"""Of a strip of images: how many beside each other, and pixels between them."""
+"""Images in a row of a strip, and pixels between them."""
 HOLDS = {True: "holds", False: "does not hold"}
 INTRODUCTION = """\
 # The papers' claims, rerun
 
-`splatcl paper --docs docs` wrote this page; `splatcl paper` writes every image at full size, `--quick` small ones, and
-`splatcl paper NAME` reruns one experiment. What a paper says is put in our words. A claim holds if the numbers beside
-it meet the bound that is written in the experiment ([splatcl/paper/](../splatcl/paper)). Scenes, measures and bounds
-are ours, and some were set after a first look at the numbers: read the numbers, not the verdict alone. Speeds are
-those of the machine and its load at the time; [bench.md](bench.md) tells how to measure them well. The papers are
-those of [specification.md](specification.md).
+`splatcl paper` reruns figures, tables and claims of [BHZK05] and [ZRB04] and says whether each claim holds. It wrote
+this page.
+
+```console
+$ splatcl paper                # all experiments: numbers, and every image at full size
+$ splatcl paper --quick        # images of half the size
+$ splatcl paper holes          # one experiment
+$ splatcl paper --docs docs    # this page
+```
+
+- Each claim is put in our words. It holds if the numbers beside it meet the bound in the experiment's source
+  ([splatcl/apps/paper/experiments/](../../splatcl/apps/paper/experiments)).
+- Scenes, measures and bounds are ours. Some bounds were set after a first look at the numbers: read the numbers, not
+  the verdict alone.
+- Speeds depend on the machine and its load. [bench.md](../speed/bench.md) says how to measure them well.
+- [specification.md](../specification.md) lists the papers.
 """
 
 
 def table(result: Result) -> tuple[list[str], list[list[str]]]:
-    """Return the figures as columns and rows: a row for each thing, a column for each measure."""
+    """Return the figures as columns and rows: a row for each object, a column for each measure."""
     measures = list(dict.fromkeys(figure.measure for figure in result.figures))
     cells = {(figure.of, figure.measure): str(figure) for figure in result.figures}
     rows = dict.fromkeys(figure.of for figure in result.figures)
@@ -64,7 +74,7 @@ def print_result(result: Result) -> None:
 
 
 def write_folder(folder: Path, results: Sequence[Result]) -> None:
-    """Write every image as PNG, frames as OpenEXR too, and index.md; `FileError` where that cannot be."""
+    """Write every image as PNG, frames also as OpenEXR, and index.md, or raise `FileError`."""
     make_folder(folder)
     sections = []
     for result in results:
@@ -80,21 +90,23 @@ def write_folder(folder: Path, results: Sequence[Result]) -> None:
 
 
 def write_docs(folder: Path, results: Sequence[Result]) -> None:
-    """Write paper.md and one paper_NAME.png for each experiment that has images; `FileError` where that cannot be."""
-    make_folder(folder)
+    """Write trust/paper.md, and images/paper_NAME.png for each experiment with images, or raise `FileError`."""
+    pages, images = folder / "trust", folder / "images"
+    make_folder(pages)
+    make_folder(images)
     sections = []
     for result in results:
         pictures = []
         if result.images:
             file = f"paper_{result.name}.png"
-            write_png(folder / file, strip([picture(image) for image in result.images.values()]))
-            pictures = [f"![{result.name}]({file})\n\nFrom the left, row by row: {'; '.join(result.images)}."]
+            write_png(images / file, strip([picture(image) for image in result.images.values()]))
+            pictures = [f"![{result.name}](../images/{file})\n\nFrom the left, row by row: {'; '.join(result.images)}."]
         sections.append((result, pictures))
-    write_text(folder / "paper.md", INTRODUCTION + "\n" + page(sections))
+    write_text(pages / "paper.md", INTRODUCTION + "\n" + page(sections))
 
 
 def page(sections: Sequence[tuple[Result, list[str]]]) -> str:
-    """Return Markdown: a table of all claims, and a section for each experiment with these pictures."""
+    """Return Markdown: a table of all claims, and a section with pictures for each experiment."""
     claims = [
         [f"[{result.name}](#{result.name})", claim.says, claim.here, HOLDS[claim.holds]]
         for result, _ in sections
@@ -117,7 +129,7 @@ def markdown_table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Ite
 
 
 def picture(image: Frame | NDArray[Any]) -> NDArray[Any]:
-    """Return an image as (H, W, 4) linear RGBA."""
+    """Return an image as linear RGBA, (H, W, 4)."""
     color = image.color if isinstance(image, Frame) else image
     if color.ndim == 2:
         color = np.repeat(color[..., None], 3, axis=2)
@@ -139,12 +151,12 @@ def strip(pictures: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 
 def slug(name: str) -> str:
-    """Return a name as part of a file's."""
+    """Return a name in the form for file names."""
     return re.sub(r"[^a-z0-9]+", "_", name.lower()).strip("_")
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder and those above it, or raise `FileError`."""
+    """Make a folder and its parents, or raise `FileError`."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

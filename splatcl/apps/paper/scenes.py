@@ -1,4 +1,4 @@
-"""Scenes of the experiments, and what their images should be, from rays and closed forms alone."""
+"""Scenes of the experiments, and their exact images from rays and closed forms alone."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ LIGHT, DARK = (0.85, 0.78, 0.6), (0.0, 0.12, 0.16)
 CHECK, SPACING, COVER = 0.4, 0.1, 0.8
 """Side of a square and distance of splats, scene units; radius of a splat in units of that distance."""
 TOUCH = np.sqrt(0.5) * 1.001
-"""Radius of discs in units of their distance with which a square grid of them just leaves no gap."""
-NO_SCAN = "The bundled scan is in a checkout only: a sphere of as many splats stands for it."
+"""Least radius, in units of the spacing, at which a square grid of discs leaves no gap."""
+NO_SCAN = "Only a checkout has the bundled scan. A sphere of as many splats replaces it."
 
 
 def scan() -> tuple[Splats, tuple[str, ...]]:
@@ -31,12 +31,12 @@ def scan() -> tuple[Splats, tuple[str, ...]]:
 
 
 def painted(splats: Splats, color: Array) -> Splats:
-    """Return the splats in (N, 3) other linear colours."""
+    """Return the splats with other linear colors, (N, 3)."""
     return replace(splats, color=color, on_invalid="error")
 
 
 def ramp(splats: Splats) -> Splats:
-    """Return the splats in colours that change slowly from end to end, 0.1 ... 1, so that bands show."""
+    """Return the splats with colors that change slowly from 0.1 to 1, so that bands show."""
     low, high = splats.bounds
     return painted(splats, (0.1 + 0.9 * (splats.center - low) / (high - low)).astype(np.float32))
 
@@ -53,13 +53,13 @@ def floor(x: tuple[float, float], z: tuple[float, float], spacing: float, radius
 
 
 def checker_color(x: Array, z: Array) -> Array:
-    """Return the (..., 3) colours of the checkerboard at places of y = 0."""
+    """Return the (..., 3) colors of the checkerboard at positions of y = 0."""
     dark = (np.floor(x / CHECK) + np.floor(z / CHECK)) % 2 == 1
     return np.where(dark[..., None], DARK, LIGHT).astype(np.float32)
 
 
 def checkerboard() -> Splats:
-    """Return 51 200 splats with the colours of a checkerboard that reaches far back."""
+    """Return 51 200 splats with the colors of a checkerboard that reaches far back."""
     splats = floor((-8.0, 8.0), (-34.0, -2.0), SPACING, COVER * SPACING)
     return painted(splats, checker_color(splats.center[:, 0], splats.center[:, 2]))
 
@@ -80,7 +80,7 @@ def checkerboard_truth(camera: Camera, n: int) -> Array:
 
 
 def undersampled(camera: Camera) -> Array:
-    """Return (H, W) bool: where a pixel of the checkerboard is longer than two squares, so that its image is grey."""
+    """Return (H, W) bool: where a pixel of the checkerboard is longer than two squares, so that its image is gray."""
     origin, direction = rays(camera)
     length = origin[1] / direction[..., 1] ** 2 / camera.fy  # of the place's z by the pixel's y
     return length >= 2 * CHECK
@@ -108,7 +108,7 @@ EYE_HEIGHT, STONE = 0.25, 0.5
 
 
 def touching_floor() -> Splats:
-    """Return discs as large as the distance they are seen from, that just leave no gap, each in its own colour."""
+    """Return discs as large as their distance from the eye, which just leave no gap, each in its own color."""
     splats = floor(NEAR_FLOOR["x"], NEAR_FLOOR["z"], STONE, TOUCH * STONE)
     return painted(splats, np.random.default_rng(4).uniform(0.2, 1, (len(splats), 3)).astype(np.float32))
 

@@ -1,10 +1,11 @@
-"""``splatcl bench``: how fast splats are rendered here, and what bounds it."""
+"""``splatcl bench``: the speed of rendering on this machine, and its limits."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from splatcl.cli.options.device import DeviceOption
 from splatcl.errors import SettingsError
 from splatcl.util.progress import stage
 
@@ -26,30 +27,28 @@ def bench(
     quick: bool = False,
     model: Path | None = None,
     against: Literal["llvmpipe"] | None = None,
-    device: str | None = None,
+    device: DeviceOption = None,
 ) -> None:
-    """Time each pass and whole frames over a matrix of scenes and settings (docs/bench.md).
+    """Time each pass and whole frames over a matrix of scenes and settings.
 
     Parameters
     ----------
     output : path
-        JSON file for every sample and what it was taken on.
+        JSON file to write: every sample, the machine and the device.
     plot : path
-        PNG file: splats a second by number of splats, and how the time grows.
+        .png file to write: splats per second, and time, by number of splats.
     sizes : str
-        Numbers of splats, such as 137k,1.1M [default: those of the paper's Table 1, to 14M].
+        Numbers of splats, such as 137k,1.1M [default: those of [BHZK05], Table 1, up to 14M].
     only : str
-        Words of the configurations to measure, such as shuffled, 1920x1080 or keep,scan.
+        Words in the names of the configurations to measure, such as shuffled, 1920x1080 or keep,scan.
     frames : int
-        Samples of each configuration; slow ones get fewer.
+        Samples of each configuration, 1 to 1000; slow configurations take fewer.
     quick : bool
-        Small sizes only: under a minute.
+        Measure small sizes alone, under a minute.
     model : path
-        Scan whose discs are divided to the number of splats [default: the bunny of the checkout].
+        Scan whose discs are divided until the number of splats is reached [default: the bunny of the checkout].
     against : str
-        Compare with OpenGL's passes of examples/backend_gl, turn by turn, instead.
-    device : str
-        OpenCL device: an index of `splatcl devices`, or words of its name and version.
+        Instead, time the OpenGL passes of examples/backend_gl and ours in turn.
     """
     import splatcl
     from splatcl.apps.bench import machine
@@ -57,10 +56,10 @@ def bench(
     from splatcl.util.atomic import check_writable
 
     if not 1 <= frames <= MAX_FRAMES:
-        raise SettingsError(f"--frames {frames} is not between 1 and {MAX_FRAMES}")
+        raise SettingsError(f"--frames {frames} must be between 1 and {MAX_FRAMES}")
     for name, value in (("--only", only), ("--plot", plot), ("--model", model)):
         if against and value:
-            raise SettingsError(f"--against and {name} exclude each other")
+            raise SettingsError(f"--against and {name} cannot be combined; remove one")
     numbers = _numbers(sizes, quick)
     rows = _rows(numbers, only)
     check_writable(output)
@@ -77,11 +76,11 @@ def bench(
 
 
 def _numbers(sizes: str | None, quick: bool) -> tuple[int, ...] | None:
-    """Return the numbers of splats that were asked for, None for the usual ones."""
+    """Return the numbers of splats to measure, None for the default."""
     from splatcl.apps.bench import matrix
 
     if quick and sizes:
-        raise SettingsError("--quick and --sizes exclude each other")
+        raise SettingsError("--quick and --sizes cannot be combined; remove one")
     if quick:
         return matrix.QUICK_SIZES
     return None if sizes is None else matrix.parse_sizes(sizes)

@@ -1,21 +1,15 @@
-"""``splatcl devices``: what OpenCL offers."""
+"""``splatcl devices``: the OpenCL devices of this machine."""
 
 from __future__ import annotations
 
 import sys
 
+from splatcl.cli.options.device import DeviceOption
 from splatcl.errors import DeviceError
 
 
-def devices(*, device: str | None = None) -> None:
-    """List the OpenCL devices; a star marks the one that is used.
-
-    Parameters
-    ----------
-    device : str
-        The one to mark: an index of this list, or words of its name and version [default: that of SPLATCL_DEVICE,
-        else the one that renders].
-    """
+def devices(*, device: DeviceOption = None) -> None:
+    """List the OpenCL devices; a star marks the device in use."""
     from splatcl.opencl.device.devices import choose_device, list_devices
 
     known, used, refusal = list_devices(), None, None

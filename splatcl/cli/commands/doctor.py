@@ -1,23 +1,25 @@
-"""``splatcl doctor``: whether a device computes what references need."""
+"""``splatcl doctor``: whether a device computes exactly enough for reference renders."""
 
 from __future__ import annotations
 
+from splatcl.cli.options.device import DeviceOption
 from splatcl.util.progress import stage
 
 
-def doctor(*, device: str | None = None, all: bool = False, json: bool = False) -> int:
-    """Test a device's arithmetic against NumPy's, and render the golden images on it (docs/doctor.md).
-
-    The exit status is 0 if the device is fit for reference renders, else 1.
+def doctor(*, device: DeviceOption = None, all: bool = False, json: bool = False) -> int:
+    """Test a device's arithmetic against NumPy's, and render the golden images on it.
 
     Parameters
     ----------
-    device : str
-        An index of `splatcl devices`, or words of its name and version [default: the one that renders].
     all : bool
-        Every device, one after the other; the exit status is 0 if all are fit.
+        Test every device in turn.
     json : bool
-        Print a list of reports as JSON.
+        Print the list of reports as JSON.
+
+    Returns
+    -------
+    int
+        Exit status: 0 if every tested device is fit for reference renders, else 1.
     """
     from json import dumps
 

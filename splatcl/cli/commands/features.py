@@ -8,47 +8,41 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from splatcl.errors import FileError, InvalidSplatsError, SettingsError
-from splatcl.scene.splats import OnInvalid
+from splatcl.cli.options.groups import FILES
+from splatcl.cli.options.inputs import OnInvalidOption
+from splatcl.cli.options.outputs import SplatsOption, save_splats
+from splatcl.errors import FileError, InvalidSplatsError
+from splatcl.io.write import check_output
 from splatcl.util.progress import stage
 
 
 def features(
-    mesh: Path,
+    mesh: Annotated[Path, Parameter(group=FILES)],
     /,
     *,
-    output: Annotated[Path, Parameter(alias="-o")],
+    output: SplatsOption,
     angle: float = 30.0,
-    on_invalid: OnInvalid = "error",
+    on_invalid: OnInvalidOption = "error",
 ) -> None:
     """Make splats of a mesh that end at its sharp edges.
 
     Parameters
     ----------
     mesh : path
-        OBJ, OFF, PLY, STL or GLB with triangles.
-    output : path
-        The splats, .ply or .npz.
+        Mesh of triangles: OBJ, OFF, PLY, STL or GLB.
     angle : float
-        Degrees between the normals of two faces above which their edge is sharp.
-    on_invalid : str
-        What to do with triangles that have non-finite numbers.
+        Angle between the normals of two faces above which their edge is sharp, degrees.
     """
     from splatcl.features import mesh_features
     from splatcl.io.read import load_model, mesh_splats
-    from splatcl.io.write import write
 
-    if output.suffix.lower() not in (".ply", ".npz"):
-        raise SettingsError(f"--output {output} must end in .ply or .npz")
+    check_output(output)
     with stage("Finding features"):
         model = load_model(mesh)
         if model.faces is None or not len(model.faces):
-            raise FileError(f"{mesh}: has no triangles; sharp edges are those of a mesh")
+            raise FileError(f"{mesh}: has no triangles; give a mesh")
         try:
             splats = mesh_splats(model, on_invalid, partial(mesh_features, angle=angle))
         except InvalidSplatsError as error:
             raise InvalidSplatsError(f"{mesh}: {error}") from None
-    for note in splats.notes:
-        print(f"note: {note}")
-    write(splats, output)
-    print(f"wrote {output} ({len(splats)} splats)")
+    save_splats(splats, output)

@@ -1,23 +1,18 @@
-"""``splatcl info``: what a file holds."""
+"""``splatcl info``: a summary of a scan."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
+
+from splatcl.cli.options.inputs import ScanArgument
 
 if TYPE_CHECKING:
     from splatcl.io.inspect import Summary
 
 
-def info(file: Path, /) -> None:
-    """Say what a scan holds and what of it would be left out.
-
-    Parameters
-    ----------
-    file : path
-        PLY, text, mesh or other scan.
-    """
+def info(file: ScanArgument, /) -> None:
+    """Print the attributes, extent and spacing of a scan, and the points that cannot be used."""
     from splatcl.io.inspect import inspect
 
     summary = inspect(file)
@@ -29,14 +24,14 @@ def info(file: Path, /) -> None:
 
 
 def facts(summary: Summary) -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each fact of a summary; lengths are in scene units."""
+    """Yield the label and text of each line of a summary; lengths are in scene units."""
     yield "points", str(summary.num_points)
     if summary.num_faces:
         yield "triangles", str(summary.num_faces)
     yield "attributes", ", ".join(summary.attributes) or "none but positions"
-    for name, corner in zip(("least", "greatest"), summary.bounds, strict=True):
+    for name, corner in zip(("minimum", "maximum"), summary.bounds, strict=True):
         yield name, " ".join(f"{coordinate:.9g}" for coordinate in corner)
     yield "size", " ".join(f"{extent:.6g}" for extent in summary.bounds[1] - summary.bounds[0])
-    yield "spacing", f"{summary.spacing:.6g} (median distance to the nearest neighbour)"
+    yield "spacing", f"{summary.spacing:.6g} (median distance to the nearest neighbor)"
     for count, reason in summary.skipped or ((0, ""),):
         yield "skipped", f"{count} {reason}" if count else "nothing"

@@ -1,4 +1,4 @@
-"""``splatcl paper``: the papers' claims, rerun."""
+"""``splatcl paper``: figures, tables and claims of the papers, computed again."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from splatcl.cli.options.device import DeviceOption
 from splatcl.errors import SettingsError
 from splatcl.util.progress import stage
 
 QUICK = 0.5
-"""Lengths of images under --quick, in units of the full run's."""
+"""Scale of the images of a --quick run."""
 
 
 def paper(
@@ -19,22 +20,20 @@ def paper(
     output: Annotated[Path, Parameter(alias="-o")] = Path("out/paper"),
     quick: bool = False,
     docs: Path | None = None,
-    device: str | None = None,
+    device: DeviceOption = None,
 ) -> None:
-    """Rerun figures, tables and claims of the papers: numbers, whether each claim holds, and images (docs/paper.md).
+    """Rerun figures, tables and claims of the papers: numbers, verdicts and images.
 
     Parameters
     ----------
     names : str
-        Experiments, such as targets or holes [default: all].
+        Experiments to run, such as targets or holes [default: all].
     output : path
-        Folder for index.md and the images.
+        Folder for index.md and its images.
     quick : bool
-        Images of half the size: under a minute once the kernels are built.
+        Render images of half the size, under a minute once the kernels are built.
     docs : path
-        Folder for paper.md and its pictures, instead of the other one; of all experiments.
-    device : str
-        OpenCL device: an index of `splatcl devices`, or words of its name and version.
+        Folder for trust/paper.md and images/paper_*.png, in place of --output. It needs all experiments.
     """
     import splatcl
     from splatcl.apps.paper.catalogue import chosen
@@ -42,7 +41,7 @@ def paper(
     from splatcl.apps.paper.report import make_folder, print_result, write_docs, write_folder
 
     if docs and names:
-        raise SettingsError("--docs is of all experiments: leave their names out")
+        raise SettingsError("--docs needs all experiments; leave out their names")
     experiments = chosen(names)
     make_folder(docs or output)
     run = Run(splatcl.Renderer(device=device), QUICK if quick else 1.0)

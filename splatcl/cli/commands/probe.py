@@ -1,47 +1,38 @@
-"""``splatcl probe``: what happened at one pixel."""
+"""``splatcl probe``: the history of one pixel."""
 
 from __future__ import annotations
 
 import sys
-from pathlib import Path
-from typing import Annotated
 
-from cyclopts import Parameter
-
-from splatcl.cli.options.view import View, read_scan
-from splatcl.scene.settings import RenderSettings
-from splatcl.scene.splats import OnInvalid
+from splatcl.cli.options.device import DeviceOption
+from splatcl.cli.options.inputs import OnInvalidOption, ScanArgument, read_scan
+from splatcl.cli.options.settings import SettingsOptions
+from splatcl.cli.options.view import View, ViewOptions
 from splatcl.util.progress import stage
 
 
 def probe(
-    scan: Path,
+    scan: ScanArgument,
     x: int,
     y: int,
     /,
     *,
     json: bool = False,
-    view: Annotated[View | None, Parameter(name="*", group="Camera")] = None,
-    settings: Annotated[RenderSettings | None, Parameter(name="*", group="Settings")] = None,
-    on_invalid: OnInvalid = "error",
-    device: str | None = None,
+    on_invalid: OnInvalidOption = "error",
+    view: ViewOptions = None,
+    settings: SettingsOptions = None,
+    device: DeviceOption = None,
 ) -> None:
-    """Explain one pixel of a render: every splat that touches it or nearly does, and what became of it.
+    """Explain one pixel of a render: list each splat that touches it or nearly does, and its part in the result.
 
     Parameters
     ----------
-    scan : path
-        PLY, text, mesh or other file that `splatcl info` knows.
     x : int
-        The pixel's column, from 0 at the left.
+        Column of the pixel, 0 at the left.
     y : int
-        Its row, from 0 at the top.
+        Row of the pixel, 0 at the top.
     json : bool
         Print JSON instead of a table.
-    on_invalid : str
-        What to do with splats that have non-finite numbers or no area.
-    device : str
-        OpenCL device: an index of `splatcl devices`, or words of its name and version.
     """
     import splatcl
 

@@ -1,4 +1,4 @@
-"""``splatcl shade``: a rendered OpenEXR file in, the same with another lighting out."""
+"""``splatcl shade``: a rendered OpenEXR file in, the same frame with new colors out."""
 
 from __future__ import annotations
 
@@ -9,10 +9,19 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Parameter
 
-from splatcl.cli.commands.render import check_outputs, save
-from splatcl.cli.options.light import parse_light
-from splatcl.cli.options.user_shader import user_changes
-from splatcl.scene.lights import Vector
+from splatcl.cli.options.device import AllowInexactOption, DeviceOption
+from splatcl.cli.options.groups import FILES, SETTINGS
+from splatcl.cli.options.light import LightOption, light_changes
+from splatcl.cli.options.outputs import (
+    ExposureOption,
+    OutputOption,
+    PngOption,
+    check_outputs,
+    save_images,
+    seconds_since,
+)
+from splatcl.cli.options.user_shader import UserShaderOption, user_shader_changes
+from splatcl.scene.lights import Material, Npr, Vector
 from splatcl.scene.settings import Shader
 from splatcl.util.progress import stage
 
@@ -32,7 +41,7 @@ class MaterialChanges:
 
 @dataclass(frozen=True)
 class NprChanges:
-    """What of the npr shader to change."""
+    """Parameters of the npr shader to change."""
 
     tones: tuple[float, ...] | None = None
     contour: float | Literal["auto"] | None = None
@@ -40,67 +49,53 @@ class NprChanges:
     line: Vector | None = None
 
 
+# The help of an option is that of the field.
+MaterialChanges.__doc__, NprChanges.__doc__ = Material.__doc__, Npr.__doc__
+
+
 def shade(
-    frame: Path,
+    frame: Annotated[Path, Parameter(group=FILES)],
     /,
     *,
-    output: Annotated[Path | None, Parameter(alias="-o")] = None,
-    png: Path | None = None,
-    exposure: float = 0.0,
-    shader: Shader | None = None,
-    user_shader: Annotated[Path | None, Parameter(parse=True)] = None,
-    material: MaterialChanges | None = None,
-    npr: NprChanges | None = None,
-    time: float | None = None,
-    light: Annotated[list[str] | None, Parameter(consume_multiple=False)] = None,
-    device: str | None = None,
-    allow_inexact: bool = False,
+    output: OutputOption = None,
+    png: PngOption = None,
+    exposure: ExposureOption = 0.0,
+    shader: Annotated[Shader | None, Parameter(group=SETTINGS)] = None,
+    user_shader: UserShaderOption = None,
+    material: Annotated[MaterialChanges | None, Parameter(group=SETTINGS)] = None,
+    npr: Annotated[NprChanges | None, Parameter(group=SETTINGS)] = None,
+    time: Annotated[float | None, Parameter(group=SETTINGS)] = None,
+    light: LightOption = None,
+    device: DeviceOption = None,
+    allow_inexact: AllowInexactOption = False,
 ) -> None:
-    """Shade a rendered .exr again, without its splats (docs/shaders.md). What is not given stays as it was.
+    """Shade a rendered .exr again, without its splats.
 
     Parameters
     ----------
     frame : path
         .exr file that splatcl wrote.
-    output : path
-        .exr or .png file to write.
-    png : path
-        .png file to write.
-    exposure : float
-        Stops, for the PNG.
     shader : str
-        How each pixel is coloured.
-    user_shader : path
-        File of OpenCL C with a function float4 shade(const Surface s, const Scene scene).
+        Color of a pixel (docs/guide/shaders.md has a picture of each).
     time : float
-        Seconds, for a user's shader.
-    light : str
-        A light, such as kind=point,vector=0:2:1,color=1:1:1 (docs/lights.md), in place of those of the frame; give
-        the option again for each further light. Shadows need a new render.
-    device : str
-        OpenCL device: an index of `splatcl devices`, or words of its name and version.
-    allow_inexact : bool
-        Shade even where the device or the environment may change bits of the image (`splatcl doctor`); recorded.
+        Time for a user's shader, seconds.
     """
     import splatcl
 
     outputs = check_outputs(output, png, exposure)
     before = splatcl.read_frame(frame)
     changes = _changes(before, material=material, npr=npr, shader=shader, time=time)
-    if light:
-        changes["lights"] = tuple(map(parse_light, light))
-    if user_shader is not None:
-        changes |= user_changes(user_shader, shader)
+    changes |= light_changes(light) | user_shader_changes(user_shader, shader)
     renderer = splatcl.Renderer(device=device, allow_inexact=allow_inexact)
     start = clock.perf_counter()
     with stage("Shading"):
         after = before.shade(renderer=renderer, **changes)
-    print(f"shaded {after.width}x{after.height} with {after.settings.shader} in {clock.perf_counter() - start:.2f} s")
-    save(after, outputs, exposure)
+    print(f"shaded {after.width}x{after.height} with {after.settings.shader} in {seconds_since(start)}")
+    save_images(after, outputs, exposure)
 
 
 def _changes(frame: Frame, **given: Any) -> dict[str, Any]:
-    """Return the settings that were given; of those with parts, the other parts are the frame's."""
+    """Return the given settings; material and npr keep the frame's values of the parts that are not given."""
     changes = {name: value for name, value in given.items() if value is not None}
     for name in {"material", "npr"} & set(changes):
         parts = {part: value for part, value in asdict(changes[name]).items() if value is not None}

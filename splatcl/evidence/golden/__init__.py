@@ -1,1 +1,1 @@
-"""Golden images: scenes whose AOVs have known hashes."""
+"""Golden images: small scenes whose every AOV has a known hash, the same on every device."""

@@ -1,7 +1,7 @@
-"""The hashes of the golden images: computed, stored in golden.json, and compared.
+"""Compare the AOVs of the golden images with the hashes in golden.json.
 
-`python -m splatcl.evidence.golden.check` (`make golden`) writes golden.json again. The results stand in
-docs/trust/reproducibility.md.
+`python -m splatcl.evidence.golden.check` (`make golden`) writes golden.json again. docs/trust/reproducibility.md has
+the results.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from splatcl.opencl.draw import draw
 from splatcl.opencl.session import Session
 
 Hashes = dict[str, str]
+"""SHA-256 of each AOV of a scene, by the AOV's name."""
 
 
 def digest(aovs: Mapping[str, NDArray[Any]]) -> Hashes:
-    """Return the SHA-256 of each AOV by name: of its shape and type, and its little-endian bytes."""
+    """Return the SHA-256 of each AOV by name, over its shape, dtype and little-endian bytes."""
     hashes = {}
     for name in aovs:
         array = np.ascontiguousarray(aovs[name])
@@ -35,13 +36,13 @@ def digest(aovs: Mapping[str, NDArray[Any]]) -> Hashes:
 
 
 def one_hash(hashes: Hashes) -> str:
-    """Return the SHA-256 of all the hashes of a scene, as docs/reproducibility.md has it."""
+    """Return the SHA-256 of all hashes of a scene, which docs/trust/reproducibility.md lists."""
     return hashlib.sha256(json.dumps(hashes, sort_keys=True).encode()).hexdigest()
 
 
 @cache
 def stored() -> dict[str, Hashes]:
-    """Return the hashes of golden.json: by scene, then by AOV."""
+    """Return the hashes of golden.json, by scene and then by AOV."""
     return json.loads((files("splatcl.evidence.golden") / "golden.json").read_text())
 
 
@@ -51,9 +52,9 @@ def check(session: Session, names: Iterable[str] | None = None) -> list[str]:
     Parameters
     ----------
     session : Session
-        Its device and its way of working; none may change a bit.
+        Neither its device nor its tile size, lanes and mapping may change a bit.
     names : iterable of str, optional
-        Names of scenes; all that the device can render where omitted (double precision may be missing).
+        Names of scenes; by default all that the device can render (`renderable`).
     """
     wanted = {s.name for s in renderable(session)} if names is None else set(names)
     mismatches = []
@@ -70,7 +71,7 @@ def check(session: Session, names: Iterable[str] | None = None) -> list[str]:
 
 
 def renderable(session: Session) -> list[GoldenScene]:
-    """Return the scenes that the session's device can render: without double precision, not all."""
+    """Return the scenes that the session's device can render; some need double precision."""
     return [s for s in scenes() if s.settings.precision == "single" or session.supports_double]
 
 

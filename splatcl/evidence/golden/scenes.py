@@ -1,8 +1,7 @@
-"""Golden images: small scenes whose every AOV has a known SHA-256, the same on every device.
+"""The scenes of the golden images.
 
-The scenes are built with + - * / alone in float64, from an integer hash, so that every machine builds the same
-bits; camera matrices are multiples of 2^-20, so that products with them are exact on the host. The hashes are in
-golden.json; `python -m splatcl.golden` (`make golden`) writes them again. docs/reproducibility.md has the results.
+They are built from an integer hash with + - * / alone, in float64, so every machine builds the same bits. Camera
+matrices are multiples of 2^-20, so products with them are exact on the host. check.py has the hashes.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ TABLE = (1.0, 0.875, 0.5625, 0.25, 0.0625)
 
 @dataclass(frozen=True)
 class GoldenScene:
-    """One image to render; a `tiny` one is 15x13 with twenty splats, for a device that is interpreted."""
+    """One image to render; `tiny` ones are 15x13 with twenty splats, for slow devices such as interpreters."""
 
     name: str
     splats: Splats
@@ -46,12 +45,12 @@ class GoldenScene:
 
     @property
     def tiny(self) -> bool:
-        """Whether its name says so."""
+        """True if the name begins with "tiny"."""
         return self.name.startswith("tiny")
 
     @property
     def plain(self) -> bool:
-        """Whether it is of [BHZK05]'s method alone, with splats that have nothing further."""
+        """True if the method is [BHZK05]'s, and the splats have no clip lines and no attributes of their own."""
         wanted, splats = self.settings, self.splats
         usual = (wanted.method, wanted.footprint, wanted.target) == ("botsch05", "raycast", "auto")
         return usual and splats.clip is None and not splats.attributes
@@ -59,7 +58,7 @@ class GoldenScene:
 
 @cache
 def scenes() -> tuple[GoldenScene, ...]:
-    """Return every scene; each is there for what its name says, in single precision unless that says double."""
+    """Return every scene; its name says what it covers, and ends with "_double" for double precision."""
     turn = (7, 1, -2, 1)
     discs, small, layered, tiny = (
         random_discs(1, 160, 1.25, 0.25),
@@ -109,7 +108,7 @@ def scenes() -> tuple[GoldenScene, ...]:
 def methods(
     discs: Splats, small: Splats, tiny: Splats, far: Camera, flat: Camera, tiny_camera: Camera
 ) -> list[GoldenScene]:
-    """Return the scenes of methods other than [BHZK05]'s; settings share programs where they can, as by `cull`."""
+    """Return the scenes of other methods and shaders. Their settings share programs where possible, to build fewer."""
     conic, circles = RenderSettings(0.125, method="zwicker04"), RenderSettings(0.125, method="botsch03", lights=LIGHTS)
     fragments = RenderSettings(0.125, method="botsch04", lights=LIGHTS, material=Material(0.125, 0.5, 0.5, 7.5))
     deferred = replace(fragments, normals="constant", shading="deferred", facing="cull")
@@ -148,7 +147,7 @@ def camera(
     focal: float = 50.0,
     size: tuple[int, int] = (44, 36),
 ) -> Camera:
-    """Return a camera turned by a quaternion, and rounded, that has the world's origin at depth `z`."""
+    """Return a camera turned by a quaternion, its rotation rounded, with the world's origin at eye z `z`."""
     matrix = np.eye(4)
     matrix[:3, :3] = np.rint(rotations(np.array([turn], np.float64))[0] * 2.0**20) * 2.0**-20
     matrix[2, 3] = z
@@ -159,7 +158,7 @@ def camera(
 
 
 def moved(splats: Splats, eye: Camera, offset: tuple[float, float, float]) -> tuple[Splats, Camera]:
-    """Return a scene far from the world's origin, in float64; multiples of 2^-20 keep every product exact."""
+    """Return a scene moved by `offset`, with float64 centers; multiples of 2^-20 keep every product exact."""
     matrix = eye.eye_from_world.copy()
     matrix[:3, 3] -= (matrix[:3, :3] * np.array(offset)).sum(axis=1)
     center = np.rint(splats.center.astype(np.float64) * 1024) / 1024 + np.array(offset)

@@ -1,8 +1,8 @@
-"""Envelopes: between what bounds each pixel of any correct renderer lands, whatever way its rounding falls.
+"""Envelopes on the host: bounds of each pixel over all correct renderers (docs/trust/uncertainty.md).
 
-A decision whose margin (splatcl/uncertainty.py) is within the tolerance may go either way, and every quantity may
-be off by the tolerance times its own rounding error. A front splat that flips moves depth(p), and with it the epsilon
-test of all others: so depth is bounded first, and fragments are then sure, possible or neither.
+A decision whose margin is within the tolerance may fall either way. Every quantity may be off by the tolerance times
+its own rounding error. A front splat that flips moves depth(p), and so the epsilon test of all other splats. Depth is
+therefore bounded first; then each fragment is sure, possible or neither.
 """
 
 from __future__ import annotations
@@ -13,31 +13,32 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl import oracle
 from splatcl.errors import SettingsError
 from splatcl.evidence.host.pairs import MAX_MARGIN, Fragments, Pairs, bands, fragments
-from splatcl.oracle import UNIT
+from splatcl.oracle.buffers import Array, ProjectedSplats
+from splatcl.oracle.geometry.fragments import kernel_weight
+from splatcl.oracle.geometry.rays import UNIT
+from splatcl.oracle.project import project
 from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
 
-Array = NDArray[Any]
 TOLERANCE = 32.0
 """Default tolerance, in units of each decision's own rounding error."""
 MAX_STEPS = 64
-"""Steps after which a bound of a weighted mean falls back to that of its values."""
+"""Most steps for a bound of a weighted mean; without convergence the bound of its values is used."""
 COARSE = ("float16", "unorm8")
-"""Targets whose sums have no useful bounds."""
+"""Targets whose sums are too coarse for useful bounds."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Choices:
-    """What each pair may contribute, (K,) each."""
+    """Possible contributions of K pairs."""
 
-    sure: Array  # accepted whatever way decisions fall
-    possible: Array
-    weight_low: Array
-    weight_high: Array
+    sure: Array  # (K,) bool, accepted whichever way the uncertain decisions fall
+    possible: Array  # (K,) bool, accepted for some outcome of the uncertain decisions
+    weight_low: Array  # (K,)
+    weight_high: Array  # (K,)
 
 
 def envelope(
@@ -50,34 +51,34 @@ def envelope(
     splats, camera, settings
         As for `render`.
     epsilon : float
-        The depth tolerance that was used, scene units.
+        Depth tolerance of the render, scene units.
     tolerance : float
-        In units of each decision's own float32 rounding error, at most `uncertainty.MAX_MARGIN`. A projected
-        centre's own error is taken to be 4 max(width, height) 2^-24 pixels, as of plain float32 arithmetic.
+        In units of each decision's own float32 rounding error, at most `MAX_MARGIN`. A projected center's error is
+        4 max(width, height) 2^-24 pixels, that of plain float32 arithmetic.
 
     Returns
     -------
     dict
         "Z.lo", "Z.hi", "weight.lo", "weight.hi" (H, W); "albedo.lo", "albedo.hi", "N.lo", "N.hi" (H, W, 3);
-        float32, rounded outward. Z.hi is +inf where a pixel may have no hit; albedo and N include 0 where it
-        may be uncovered. No albedo where what is blended is lit already (`shading`).
+        float32, rounded outward. Z.hi is +inf where a pixel may have no hit. Albedo and N include 0 where a pixel may
+        be uncovered. Forward shading has no bounds of albedo, since it blends shaded colors.
 
     Raises
     ------
     SettingsError
-        The tolerance is out of range, or the target's sums have no such bounds.
+        The tolerance is out of range, or the target's sums have no bounds.
     """
-    check(settings, tolerance)
+    validate(settings, tolerance)
     num_pixels = camera.height * camera.width
     low, high = np.zeros((num_pixels, 8)), np.zeros((num_pixels, 8))  # Z, weight, albedo, N
     low[:, 0] = high[:, 0] = np.inf
-    projected = oracle.project(splats, camera, settings)
+    projected = project(splats, camera, settings)
     color = splats.color.astype(np.float64)
     offset_error = 4.0 * max(camera.width, camera.height)
     for pairs in bands(projected, camera, settings):
         f = fragments(pairs, projected, camera, settings, epsilon, offset_error)
         may = _States.of(f, tolerance)
-        choices, never_empty, depth = _choices(pairs, f, may, settings, tolerance)
+        choices, covered, depth = _choices(pairs, f, may, settings, tolerance)
         low[pairs.pixel, 0], high[pairs.pixel, 0] = depth
         low[pairs.pixel, 1], high[pairs.pixel, 1] = _weights(pairs, choices)
         own, normals = color[pairs.splat], _normals(pairs, f, may, projected, settings, tolerance)
@@ -85,31 +86,33 @@ def envelope(
         mean_low = -np.stack([_greatest_mean(pairs, choices, -least[:, k]) for k in range(6)], axis=1)
         mean_high = np.stack([_greatest_mean(pairs, choices, most[:, k]) for k in range(6)], axis=1)
         mean_low[:, 3:], mean_high[:, 3:] = _normalized(mean_low[:, 3:], mean_high[:, 3:])
-        zero = ~never_empty[:, None]
-        low[pairs.pixel, 2:] = np.where(zero, np.minimum(mean_low, 0.0), mean_low)
-        high[pairs.pixel, 2:] = np.where(zero, np.maximum(mean_high, 0.0), mean_high)
-    return bounded(_named(low, high, camera), settings)
+        may_be_empty = ~covered[:, None]
+        low[pairs.pixel, 2:] = np.where(may_be_empty, np.minimum(mean_low, 0.0), mean_low)
+        high[pairs.pixel, 2:] = np.where(may_be_empty, np.maximum(mean_high, 0.0), mean_high)
+    return without_blended_light(_named(low, high, camera), settings)
 
 
-def check(settings: RenderSettings, tolerance: float) -> None:
-    """Raise `SettingsError` where there is no envelope of such a frame."""
+def validate(settings: RenderSettings, tolerance: float) -> None:
+    """Raise `SettingsError` if a frame of these settings has no envelope, or the tolerance is out of range."""
     if not 0 < tolerance <= MAX_MARGIN:
         raise SettingsError(f"tolerance {tolerance} must be above 0 and at most {MAX_MARGIN:g}")
     if settings.target in COARSE:
         raise SettingsError(
-            f"target={settings.target!r} has no envelope: its sums are rounded so coarsely after every step that their "
-            "bounds would say nothing; choose target='float32'"
+            f"target={settings.target!r} has no envelope: it rounds sums too coarsely for useful bounds; "
+            "choose target='float32'"
         )
 
 
-def bounded(named: dict[str, NDArray[np.float32]], settings: RenderSettings) -> dict[str, NDArray[np.float32]]:
-    """Return the bounds of what a frame has: no albedo where what is blended is lit already."""
+def without_blended_light(
+    named: dict[str, NDArray[np.float32]], settings: RenderSettings
+) -> dict[str, NDArray[np.float32]]:
+    """Return the bounds of the AOVs that a frame has: forward shading blends shaded colors, so it has no albedo."""
     return {name: image for name, image in named.items() if settings.shading == "deferred" or name[:6] != "albedo"}
 
 
 @dataclass(frozen=True, eq=False)
 class _States:
-    """What may be of each pair, (K,) bool each."""
+    """Which parts of K pairs exist in any case, and which may exist; (K,) bool each."""
 
     disc_sure: Array
     disc_possible: Array
@@ -127,10 +130,10 @@ class _States:
 
 
 def _depths(f: Fragments, may: _States, tolerance: float) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """Return the (K,) least and greatest depth of each hit, and of each fragment, if there is one.
+    """Return the (K,) least and greatest depth of each hit, and of each fragment, if it exists.
 
-    The disc's where that may be hit, the centre's where it may be missed: by what the footprint holds beside it, or
-    what the pre-filter does.
+    They include the disc's depth where the ray may hit it. They include the center's depth where the ray may miss the
+    disc but hit the elliptical footprint, or for fragments also the pre-filter.
     """
     error, center_error = tolerance * UNIT * f.disc.scale_z, tolerance * UNIT * np.abs(f.center_z)
     disc_low = np.where(may.disc_possible, f.disc.z - error, np.inf)
@@ -147,12 +150,12 @@ def _depths(f: Fragments, may: _States, tolerance: float) -> tuple[tuple[Array, 
 def _choices(
     pairs: Pairs, f: Fragments, may: _States, settings: RenderSettings, tolerance: float
 ) -> tuple[_Choices, Array, tuple[Array, Array]]:
-    """Say what each pair may contribute, (P,) which pixels are covered in any case, and (P,) bounds of their depth."""
+    """Return each pair's choices, (P,) bool for pixels covered in any case, and (P,) bounds of the pixels' depth."""
     (hit_low, hit_high), (low, high) = _depths(f, may, tolerance)
     hit_low, sure_high = np.where(may.hit_possible, hit_low, np.inf), np.where(may.hit_sure, hit_high, np.inf)
     depth = pairs.least(hit_low), pairs.least(sure_high)
     z_low, z_high = (end[pairs.run] for end in depth)
-    # A splat in front of all others in any case sets depth(p) itself and is accepted; else one of those that may.
+    # A splat that is in front of all others in any case sets depth(p) itself, so it passes the epsilon test.
     is_first = hit_low == z_low
     second = pairs.least(np.where(is_first, np.inf, hit_low))[pairs.run]
     alone = pairs.total(is_first.astype(np.int64))[pairs.run] == 1
@@ -170,7 +173,7 @@ def _choices(
 
 
 def _pair_weights(f: Fragments, may: _States, settings: RenderSettings, tolerance: float) -> tuple[Array, Array]:
-    """(K,) least and greatest weight of each fragment, if it exists."""
+    """Return the (K,) least and greatest weight of each fragment, if it exists."""
     error, filter_error = tolerance * UNIT * f.drawn.scale_r, tolerance * UNIT * f.filter.scale_r
     r, r2 = f.drawn.r, f.filter.r
     r_low = np.minimum(
@@ -181,7 +184,7 @@ def _pair_weights(f: Fragments, may: _States, settings: RenderSettings, toleranc
     if settings.kernel == "table":
         low, high = _table_range(settings, r_low, r_high)
     else:
-        low, high = oracle._weight(r_high**2, settings), oracle._weight(r_low**2, settings)
+        low, high = kernel_weight(r_high**2, settings), kernel_weight(r_low**2, settings)
     rounding = tolerance * UNIT * (1 + settings.cutoff**2 / 2 + f.scale_factor)
     return low * f.factor * np.maximum(1 - rounding, 0.0), high * np.minimum(f.factor * (1 + rounding), 1 + rounding)
 
@@ -190,11 +193,11 @@ def _normals(
     pairs: Pairs,
     f: Fragments,
     may: _States,
-    projected: oracle.ProjectedSplats,
+    projected: ProjectedSplats,
     settings: RenderSettings,
     tolerance: float,
 ) -> tuple[Array, Array]:
-    """(K, 3) bounds of each fragment's normal: its own, or its field's; of either sign where its facing is open."""
+    """Return (K, 3) bounds of each fragment's normal or field normal, of either sign where its facing is uncertain."""
     low = high = projected.normal_eye[pairs.splat]
     if settings.normals == "field":
         low, high = _field(pairs, f, may, projected, tolerance)
@@ -203,9 +206,9 @@ def _normals(
 
 
 def _field(
-    pairs: Pairs, f: Fragments, may: _States, projected: oracle.ProjectedSplats, tolerance: float
+    pairs: Pairs, f: Fragments, may: _States, projected: ProjectedSplats, tolerance: float
 ) -> tuple[Array, Array]:
-    """(K, 3) bounds of fields' normals: where the ray meets the disc, or the centre's where it may miss that."""
+    """Return (K, 3) bounds of field normals; they include the center's normal where the ray may miss the disc."""
     normal, along_u, along_v = (a[pairs.splat] for a in (projected.normal_eye, projected.field_u, projected.field_v))
     possible, sure = may.disc_possible[:, None], may.disc_sure[:, None]
     u, v, scale = (np.where(possible, a[:, None], 0.0) for a in (f.disc.u, f.disc.v, f.disc.scale_r))
@@ -218,12 +221,13 @@ def _field(
 
 
 def _table_range(settings: RenderSettings, r_low: Array, r_high: Array) -> tuple[Array, Array]:
-    """(K,) least and greatest weight that a table gives between two radii.
+    """Return the (K,) least and greatest weight of a kernel table between two radii.
 
-    Those at the ends, and of all samples in between, by overlapping runs of a power of two.
+    They are the extremes of the ends and of all samples between. Two overlapping runs, each of a power of two samples,
+    cover those between.
     """
     table = np.array(settings.kernel_table)
-    ends = oracle._weight(r_low**2, settings), oracle._weight(r_high**2, settings)
+    ends = kernel_weight(r_low**2, settings), kernel_weight(r_high**2, settings)
     low, high = np.minimum(*ends), np.maximum(*ends)
     rounding = 0.5 if settings.kernel_lookup == "nearest" else 0.0
     first = np.ceil(r_low * (len(table) - 1) - rounding).astype(np.int64)
@@ -241,16 +245,16 @@ def _table_range(settings: RenderSettings, r_low: Array, r_high: Array) -> tuple
 
 
 def _weights(pairs: Pairs, c: _Choices) -> tuple[Array, Array]:
-    """(P,) least and greatest weight sum."""
+    """Return the (P,) least and greatest weight sum."""
     rounding = 2 * UNIT * pairs.total(c.possible.astype(np.float64))
     low, high = pairs.total(np.where(c.sure, c.weight_low, 0.0)), pairs.total(np.where(c.possible, c.weight_high, 0.0))
     return low * (1 - rounding), high * (1 + rounding)
 
 
 def _greatest_mean(pairs: Pairs, c: _Choices, value: Array) -> Array:
-    """(P,) greatest sum(w v) / sum(w), w in [weight_low, weight_high] if sure, else in [0, weight_high].
+    """Return the (P,) greatest sum(w v) / sum(w), w in [weight_low, weight_high] if sure, else in [0, weight_high].
 
-    Dinkelbach's iteration: at a mean m, the best weights are the greatest where v > m and the least elsewhere.
+    It is Dinkelbach's iteration: at a mean m, the best weights are the greatest where v > m and the least elsewhere.
     """
     highest = np.where(c.possible, c.weight_high, 0.0)
     lowest = np.where(c.sure, c.weight_low, 0.0)
@@ -272,7 +276,7 @@ def _greatest_mean(pairs: Pairs, c: _Choices, value: Array) -> Array:
 
 
 def _normalized(low: Array, high: Array) -> tuple[Array, Array]:
-    """(P, 3) bounds of v / |v| for v in a box; -1 to 1 where it holds 0."""
+    """Return (P, 3) bounds of v / |v| for v in a box; -1 to 1 if the box contains 0."""
     far2 = np.maximum(low**2, high**2)
     near2 = np.where((low <= 0) & (high >= 0), 0.0, np.minimum(low**2, high**2))
     others_far, others_near = far2.sum(axis=1, keepdims=True) - far2, near2.sum(axis=1, keepdims=True) - near2
@@ -286,14 +290,14 @@ def _normalized(low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _named(low: Array, high: Array, camera: Camera) -> dict[str, NDArray[np.float32]]:
-    """Cut the columns into AOVs, rounded outward to float32."""
+    """Return the columns as AOVs, rounded outward to float32."""
     columns: dict[str, Any] = {"Z": 0, "weight": 1, "albedo": slice(2, 5), "N": slice(5, 8)}
     result = {}
     for name, column in columns.items():
-        for suffix, values, away in (("lo", low, -np.inf), ("hi", high, np.inf)):
+        for suffix, values, outward in (("lo", low, -np.inf), ("hi", high, np.inf)):
             exact = values[:, column]
             rounded = exact.astype(np.float32)
             wrong = rounded > exact if suffix == "lo" else rounded < exact
-            rounded = np.where(wrong, np.nextafter(rounded, np.float32(away)), rounded)
+            rounded = np.where(wrong, np.nextafter(rounded, np.float32(outward)), rounded)
             result[f"{name}.{suffix}"] = rounded.reshape(camera.height, camera.width, *exact.shape[1:])
     return result

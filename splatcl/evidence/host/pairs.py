@@ -1,8 +1,7 @@
-"""How near each pixel's decisions are to flipping, and what the envelope needs to know of each splat-pixel pair.
+"""Splat-pixel pairs on the host: their fragments, and the margins of their decisions, in float64.
 
-The margin is the oracle's (splatcl/oracle), and so are the equations; here only the splat-pixel pairs that can
-matter are evaluated, a band of rows at a time, so that real scans take seconds. All in float64, on the host: the
-result does not depend on the device.
+Margins and equations are the oracle's (splatcl/oracle). This module evaluates only the pairs that can affect a
+decision, one band of rows at a time, so that scans take seconds. The result does not depend on a device.
 """
 
 from __future__ import annotations
@@ -14,66 +13,73 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl import oracle
-from splatcl.oracle import NO_SPLAT, UNIT
+from splatcl.oracle.buffers import NO_SPLAT, NOTHING, ProjectedSplats
+from splatcl.oracle.geometry.discs import Discs, Hits, disc_bounds, intersect, out_of_range
+from splatcl.oracle.geometry.ellipse_maps import EllipseMaps
+from splatcl.oracle.geometry.ellipses import Coverage
+from splatcl.oracle.geometry.fragments import Footprints
+from splatcl.oracle.geometry.rays import OFFSET_ERROR, TINY, UNIT, ray_length
 from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 
 Array = NDArray[Any]
-Part = TypeVar("Part", oracle._Cover, oracle._Hits)
+Part = TypeVar("Part", Coverage, Hits)
 MAX_MARGIN = 128.0
-"""Margins are given up to this many units; what could flip beyond lies outside the pairs evaluated."""
+"""Greatest margin, in units; a decision of a pair that is not evaluated has at least this margin."""
 PAIRS_PER_BAND = 1 << 20
-"""Splat-pixel pairs held in memory together (about 300 bytes each, 900 of ellipses)."""
+"""Most splat-pixel pairs in memory, about 300 bytes each, 900 for ellipses."""
 SLACK_PIXELS = 0.02
-"""Added around the bounds, so that a near miss is a pair as well."""
+"""Width added around the bounds, pixels, so that near misses are pairs too."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pairs:
-    """K splat-pixel pairs of a band of rows, by pixel and then by splat; `first` starts each pixel's run."""
+    """K splat-pixel pairs of a band of rows, by pixel and then by splat: one run for each of P pixels."""
 
-    pixel: Array  # (P,) index of each pixel that has pairs, increasing
-    first: Array  # (P,) its first pair
-    splat: Array  # (K,)
+    pixel: Array  # (P,) row-major index of each pixel that has pairs, increasing
+    first: Array  # (P,) first pair of the pixel's run
+    splat: Array  # (K,) splat index
     run: Array  # (K,) index in `pixel` of the pair's pixel
-    s: Array  # (K, 3) the pixels' rays at z = 1
+    s: Array  # (K, 3) ray of the pair's pixel at z = 1, eye space
 
     def least(self, values: Array) -> Array:
-        """(P,) least value over each pixel's pairs."""
+        """Return the (P,) least value over each pixel's pairs."""
         return np.minimum.reduceat(values, self.first)
 
     def total(self, values: Array) -> Array:
-        """(P, ...) sum over each pixel's pairs."""
+        """Return the (P, ...) sum over each pixel's pairs."""
         return np.add.reduceat(values, self.first, axis=0)
 
 
 @dataclass(frozen=True, eq=False)
 class Fragments:
-    """What the oracle's equations say of each pair, (K,) each; margins are signed, in units of 2^-24."""
+    """Fragments of K pairs by the oracle's equations; margins are signed, in units of 2^-24 times a scale."""
 
-    disc: oracle._Hits  # of the disc itself, which gives the depth
-    hit: oracle._Cover  # of the visibility pass
-    drawn: oracle._Cover  # of the attribute pass, without the pre-filter "min"; `hit` but for EWA
-    filter: oracle._Cover  # of the pre-filter "min"; margin -inf for none
-    center_z: Array
-    tolerance: Array  # epsilon along z
-    of_ellipses: bool  # a hit's ray may miss the disc; it takes the centre's depth then
-    factor: Array  # of the weight
-    scale_factor: Array  # relative
+    disc: Hits  # (K,) the ray and the disc itself, which gives the depth
+    hit: Coverage  # (K,) of the visibility pass
+    drawn: Coverage  # (K,) of the attribute pass without the pre-filter "min"; the same as `hit` except for EWA
+    filter: Coverage  # (K,) of the pre-filter "min"; margin -inf without one
+    center_z: Array  # (K,) eye z of the splat's center, scene units
+    tolerance: Array  # (K,) epsilon along z, scene units
+    of_ellipses: bool  # True: a ray may hit the footprint but miss the disc, and then takes the center's depth
+    factor: Array  # (K,) of the weight: EWA's sqrt(|V| / |V + H|), else 1
+    scale_factor: Array  # (K,) error scale of `factor`, relative
 
 
 def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
-    """(K,) least margin, unsigned, of each pair's decisions, and the (K,) distance it stands for."""
+    """Return the (K,) least margin of each pair's decisions, unsigned, and the (K,) distance of that decision."""
     disc, hit, drawn, filtered = (part.margin >= 0 for part in (f.disc, f.hit, f.drawn, f.filter))
     fragment_z = np.where(disc, f.disc.z, f.center_z)
-    fragment_scale = np.where(disc, f.disc.scale_z, np.abs(f.center_z) + oracle.TINY)
+    fragment_scale = np.where(disc, f.disc.scale_z, np.abs(f.center_z) + TINY)
     z = np.where(hit, fragment_z, np.inf)
     depth = pairs.least(z)[pairs.run]
     front = pairs.least(np.where(hit & (z == depth), pairs.splat, NO_SPLAT))[pairs.run]
     is_front = front == pairs.splat
     front_scale = pairs.least(np.where(is_front, fragment_scale, np.inf))[pairs.run]
-    margins, distances = [np.abs(f.hit.margin)], [np.abs(1 - np.nan_to_num(f.hit.r))]  # exactly edge-on: r is 0 / 0
+    margins, distances = (
+        [np.abs(f.hit.margin)],
+        [np.abs(1 - np.nan_to_num(f.hit.r))],
+    )  # r of an exactly edge-on disc is 0 / 0
     with np.errstate(invalid="ignore", over="ignore"):
         if f.of_ellipses:
             margins.append(np.abs(f.drawn.margin))
@@ -97,49 +103,49 @@ def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
 
 def fragments(
     pairs: Pairs,
-    projected: oracle.ProjectedSplats,
+    projected: ProjectedSplats,
     camera: Camera,
     settings: RenderSettings,
     epsilon: float,
-    offset_error: float = oracle.OFFSET_ERROR,
+    offset_error: float = OFFSET_ERROR,
 ) -> Fragments:
-    """Evaluate the oracle's equations at each pair; `offset_error` is that of a projected centre, 2^-24 pixels."""
+    """Evaluate the oracle's equations at each pair; `offset_error` is the error of a projected center, 2^-24 pixels."""
     own = take(projected, pairs.splat)
     own = replace(own, prefilter_error=np.maximum(own.prefilter_error, offset_error))
-    raster = oracle._Raster.of(own, camera, settings, offset_error)
-    disc = oracle._intersect(raster.discs, camera, pairs.s)
-    hit = drawn = _known(raster.footprint(disc, pairs.s, filtered=False))
+    footprints = Footprints.of(own, camera, settings, offset_error)
+    disc = intersect(footprints.discs, camera, pairs.s)
+    hit = drawn = _known(footprints.coverage(disc, pairs.s, filtered=False))
     nothing = np.zeros(len(pairs.splat))
     factor, scale_factor = nothing + 1, nothing
     if settings.prefilter == "ewa":
-        assert raster.ellipses
-        drawn = _known(raster.footprint(disc, pairs.s, filtered=True))
-        maps = raster.ellipses.maps
-        factor, scale_factor = np.nan_to_num(maps.factor), 8 * (1 + raster.discs.kappa + 1 / maps.rest)
-    absent = oracle._Cover(nothing + np.inf, nothing, nothing, nothing - np.inf)
+        assert footprints.ellipses
+        drawn = _known(footprints.coverage(disc, pairs.s, filtered=True))
+        maps = footprints.ellipses.maps
+        factor, scale_factor = np.nan_to_num(maps.factor), 8 * (1 + footprints.discs.kappa + 1 / maps.rest)
+    absent = Coverage(nothing + np.inf, nothing, nothing, nothing - np.inf)
     tolerance = np.full(len(pairs.splat), epsilon)
     if settings.along == "ray":
-        tolerance /= oracle._ray_length(camera, pairs.s)
+        tolerance /= ray_length(camera, pairs.s)
     return Fragments(
         disc=_known(disc),
         hit=hit,
         drawn=drawn,
-        filter=_known(raster.prefilter(disc, pairs.s)) if settings.prefilter == "min" else absent,
+        filter=_known(footprints.prefilter(disc, pairs.s)) if settings.prefilter == "min" else absent,
         center_z=own.center_eye[:, 2],
         tolerance=tolerance,
-        of_ellipses=raster.ellipses is not None,
+        of_ellipses=footprints.ellipses is not None,
         factor=factor,
         scale_factor=scale_factor,
     )
 
 
 def _known(part: Part) -> Part:
-    """Return it with what is undefined as surely not there."""
+    """Return `part` with -inf for undefined margins: such a fragment surely does not exist."""
     return replace(part, margin=np.where(np.isnan(part.margin), -np.inf, part.margin))
 
 
-def bands(projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> Iterator[Pairs]:
-    """Yield the pairs of consecutive bands of rows: each splat with the pixels in its widened bounds."""
+def bands(projected: ProjectedSplats, camera: Camera, settings: RenderSettings) -> Iterator[Pairs]:
+    """Yield the pairs of consecutive bands of rows: each splat with the pixels of its widened bounds."""
     bounds = _wide_bounds(projected, camera, settings)
     x_first, x_last = bounds[:, 0], bounds[:, 2]
     y_first, y_last = bounds[:, 1], bounds[:, 3]
@@ -161,12 +167,12 @@ def bands(projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSet
 
 
 def _expand(splat: Array, x_first: Array, x_last: Array, y_first: Array, y_last: Array, camera: Camera) -> Pairs:
-    """Write out each splat's pixel rectangle as pairs."""
+    """Return the pairs of each splat with the pixels of its rectangle; the last column and row are included."""
     width = x_last - x_first + 1
     counts = width * (y_last - y_first + 1)
     which = np.repeat(np.arange(len(splat)), counts)
-    place = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
-    x, y = x_first[which] + place % width[which], y_first[which] + place // width[which]
+    nth = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    x, y = x_first[which] + nth % width[which], y_first[which] + nth // width[which]
     pixel = y * camera.width + x
     order = np.argsort(pixel, kind="stable")
     pixels, first, run = np.unique(pixel[order], return_index=True, return_inverse=True)
@@ -174,43 +180,43 @@ def _expand(splat: Array, x_first: Array, x_last: Array, y_first: Array, y_last:
     return Pairs(pixels, first, splat[which][order], run, s[order])
 
 
-def _wide_bounds(projected: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> NDArray[np.int64]:
-    """(N, 4) first x, first y, last x, last y of the pixels a splat touches or nearly touches, in the image."""
+def _wide_bounds(projected: ProjectedSplats, camera: Camera, settings: RenderSettings) -> NDArray[np.int64]:
+    """Return (N, 4) x_first y_first x_last y_last of the pixels that each splat touches or nearly touches."""
     p, radius = projected, settings.prefilter_radius
     square = np.hstack([p.prefilter_point - radius, p.prefilter_point + radius])
-    square[~(p.prefilter_margin > -MAX_MARGIN)] = oracle.NOTHING
+    square[~(p.prefilter_margin > -MAX_MARGIN)] = NOTHING
     covered, slack = (
         _disc_bounds(p, camera) if settings.footprint == "raycast" else _ellipse_bounds(p, camera, settings)
     )
     slack = SLACK_PIXELS + slack
     low = np.minimum(covered, square)[:, :2] - 0.5 - slack
     high = np.maximum(covered, square)[:, 2:] - 0.5 + slack
-    hopeless = p.culled & (np.abs(p.facing_margin) > MAX_MARGIN)
-    low[hopeless], high[hopeless] = np.inf, -np.inf
+    surely_culled = p.culled & (np.abs(p.facing_margin) > MAX_MARGIN)
+    low[surely_culled], high[surely_culled] = np.inf, -np.inf
     last = np.array([camera.width - 1, camera.height - 1])
     first_pixel = np.ceil(np.clip(low, 0, last + 1)).astype(np.int64)
     last_pixel = np.floor(np.clip(high, -1, last)).astype(np.int64)
     return np.hstack([first_pixel, last_pixel])
 
 
-def _disc_bounds(p: oracle.ProjectedSplats, camera: Camera) -> tuple[Array, Array]:
-    """(N, 4) bounds of the discs; (N, 1) how far beyond, at most, rounding may let them be hit. Pixels."""
-    disc = oracle._disc_bounds(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera)
-    disc[oracle._out_of_range(p, camera)] = oracle.NOTHING
-    kappa = oracle._discs(p, camera).kappa
+def _disc_bounds(p: ProjectedSplats, camera: Camera) -> tuple[Array, Array]:
+    """Return the (N, 4) bounds of the discs, and the (N, 1) most that rounding can extend them by, pixels."""
+    disc = disc_bounds(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera)
+    disc[out_of_range(p, camera)] = NOTHING
+    kappa = Discs.of(p, camera).kappa
     with np.errstate(invalid="ignore"):
         size = (disc[:, 2:] - disc[:, :2]).max(axis=1, initial=0.0)
         slack = np.nan_to_num(size * np.minimum(100.0, MAX_MARGIN * UNIT * (8 + 4 * kappa)), nan=0.0)
     return disc, slack[:, None]
 
 
-def _ellipse_bounds(p: oracle.ProjectedSplats, camera: Camera, settings: RenderSettings) -> tuple[Array, Array]:
-    """(N, 4) bounds of the ellipses, filtered or not; (N, 2) how far beyond, across and down, as `_disc_bounds`.
+def _ellipse_bounds(p: ProjectedSplats, camera: Camera, settings: RenderSettings) -> tuple[Array, Array]:
+    """Return the (N, 4) bounds of the ellipses, filtered or not, and the (N, 2) most that rounding can extend them by.
 
-    That is not beyond the circles of their long axes.
+    The limit of the extension is the circle around the ellipse. In pixels, across and down.
     """
-    maps = oracle._maps(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera, settings)
-    kappa, unit = oracle._discs(p, camera).kappa, MAX_MARGIN * UNIT
+    maps = EllipseMaps.of(p.center_eye, p.tangent_u_eye, p.tangent_v_eye, camera, settings)
+    kappa, unit = Discs.of(p, camera).kappa, MAX_MARGIN * UNIT
     bounds = maps.bounds(maps.margin > -MAX_MARGIN)
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         half = (bounds[:, 2:] - bounds[:, :2]) / 2
@@ -220,6 +226,6 @@ def _ellipse_bounds(p: oracle.ProjectedSplats, camera: Camera, settings: RenderS
     return bounds, np.nan_to_num(slack, nan=0.0)
 
 
-def take(projected: oracle.ProjectedSplats, ids: Array) -> oracle.ProjectedSplats:
-    """Return the rows `ids` of every field."""
-    return oracle.ProjectedSplats(**{field.name: getattr(projected, field.name)[ids] for field in fields(projected)})
+def take(projected: ProjectedSplats, ids: Array) -> ProjectedSplats:
+    """Return the splats `ids`."""
+    return ProjectedSplats(**{field.name: getattr(projected, field.name)[ids] for field in fields(projected)})

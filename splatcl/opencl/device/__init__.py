@@ -1,1 +1,1 @@
-"""OpenCL devices, programs and arithmetic; knows no splat."""
+"""OpenCL devices, programs, struct layouts and arithmetic; nothing here knows a splat."""

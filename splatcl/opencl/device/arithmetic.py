@@ -1,7 +1,8 @@
-"""What a device's arithmetic computes, operation by operation, against NumPy's (kernels/doctor.cl).
+"""Compare a device's arithmetic with NumPy's, operation by operation (kernels/evidence/doctor.cl).
 
-Every operation that the kernels rest on must give NumPy's bits: the correctly rounded ones. Division and square root
-may instead be our own (kernels/divide.h). Cases with subnormal numbers are set apart: see `Arithmetic.subnormals`.
+Every operation of the kernels must give the correctly rounded result, so NumPy's bits. Division and square root may
+instead be splatcl's own (kernels/arithmetic/divide.h). Cases with subnormal numbers count separately
+(`Arithmetic.subnormals`).
 """
 
 from __future__ import annotations
@@ -13,32 +14,34 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.opencl.device.hard_cases import MODERATE, numbers
+from splatcl.opencl.device.hard_cases import MODERATE, operands
 from splatcl.opencl.device.queue import DeviceQueue
 from splatcl.scene.settings import Precision
 
 LANES: dict[Precision, tuple[int, ...]] = {"single": (1, 4, 8), "double": (1, 4)}
-"""Vectors that kernels may use: at most 32 bytes."""
+"""Vector widths that kernels may use: at most 32 bytes."""
 QUICK, THOROUGH = 4096, 65536
+"""Numbers of the test before rendering, and of the doctor's."""
 NUMBERS_PER_ITEM = 512
-OWN = {"divide": "EXACT_DIVIDE", "reciprocal": "EXACT_DIVIDE", "square_root": "EXACT_SQRT"}
-"""Operations that kernels/divide.h can do by itself, and the build option that says whether the device's will do."""
-UNUSED = 0x0DEAD0FF
-"""What the device must overwrite."""
+"""Numbers that one work-item tests."""
+REPLACEABLE = {"divide": "EXACT_DIVIDE", "reciprocal": "EXACT_DIVIDE", "square_root": "EXACT_SQRT"}
+"""Operations that kernels/arithmetic/divide.h can replace; the build option is 1 if the device's own is exact."""
+UNWRITTEN = 0x0DEAD0FF
+"""Bits of the results before the kernel runs; it must overwrite all of them."""
 
 
 @dataclass(frozen=True)
 class Operation:
-    """One row of kernels/doctor.cl.
+    """One row of kernels/evidence/doctor.cl.
 
     Parameters
     ----------
     formula : str
-        As the kernel has it.
+        The operation in words, over the operands a, b, c, d.
     expected : callable
-        From a, b, c, d and LANES: reals, or signed integers as wide.
+        Returns NumPy's result from a, b, c, d and the lanes: reals, or signed integers of the same width.
     applies : callable, optional
-        From a, b, c, d: where the result is defined; everywhere by default.
+        Returns from a, b, c, d where the result is defined; everywhere by default.
     """
 
     formula: str
@@ -46,8 +49,8 @@ class Operation:
     applies: Callable[..., Any] | None = None
 
 
-def _moderate(*operands: Any) -> Any:
-    sizes = [np.abs(x) for x in operands]
+def _moderate(*numbers: Any) -> Any:
+    sizes = [np.abs(x) for x in numbers]
     return np.all([(x == 0) | ((x >= 1 / MODERATE) & (x <= MODERATE)) for x in sizes], axis=0)
 
 
@@ -66,7 +69,7 @@ def _rounding_of_sum(a: Any, b: Any, *_: Any) -> Any:
 
 
 def _rounding_of_product(a: Any, b: Any, *_: Any) -> Any:
-    """Return a b - round(a b) (Dekker 1971), each factor split in two by Veltkamp's rule."""
+    """Return a b - round(a b) (Dekker 1971); Veltkamp's rule splits each factor in two."""
     factor = a.dtype.type(2.0 ** ((np.finfo(a.dtype).nmant + 2) // 2) + 1)
     a1, b1 = (factor * x - (factor * x - x) for x in (a, b))
     a2, b2 = a - a1, b - b1
@@ -120,7 +123,7 @@ SUBNORMAL_TESTS = ("add", "subtract", "multiply", "less", "select")
 
 @dataclass(frozen=True)
 class Finding:
-    """An operation and its cases with results other than NumPy's, the first of them in words."""
+    """An operation whose results differ from NumPy's: how many cases, and the first one in words."""
 
     operation: str
     precision: Precision
@@ -136,18 +139,19 @@ class Finding:
 
 @dataclass(frozen=True)
 class Arithmetic:
-    """What was found on one device in one precision.
+    """Result of the test of one device in one precision.
 
     Parameters
     ----------
+    precision : {"single", "double"}
     lanes : tuple of int
-        The vectors that were tested.
+        Vector widths tested.
     num_tested : int
-        Cases of each operation and vector.
+        Cases per operation and vector width.
     wrong : tuple of Finding
-        Operations that differ from NumPy's: with any of these, images differ.
+        Operations that differ from NumPy's; any of them can change an image.
     replaced : tuple of Finding
-        The device's own division or square root, where kernels/divide.h does without.
+        Inexact division or square root of the device, which kernels/arithmetic/divide.h replaces.
     subnormals : tuple of Finding
         Operations that lose subnormal operands or results (below 1.2e-38 in single precision, 2.2e-308 in double).
     """
@@ -161,41 +165,47 @@ class Arithmetic:
 
     @property
     def options(self) -> dict[str, int]:
-        """Build options of every kernel: which of the device's operations are correctly rounded."""
-        replaced = {OWN[finding.operation] for finding in self.replaced}
-        return {option: int(option not in replaced) for option in OWN.values()}
+        """Build options of every kernel; 1 if the device's own operation is correctly rounded."""
+        replaced = {REPLACEABLE[finding.operation] for finding in self.replaced}
+        return {option: int(option not in replaced) for option in REPLACEABLE.values()}
 
 
 def examine(device: DeviceQueue, precision: Precision, lanes: tuple[int, ...], num_tested: int = QUICK) -> Arithmetic:
-    """Test a device's arithmetic; where its division or square root is wrong, test ours in their place.
+    """Test a device's arithmetic; if its division or square root is wrong, test splatcl's own instead.
 
     Parameters
     ----------
     device : DeviceQueue
     precision : {"single", "double"}
     lanes : tuple of int
-        Vectors to test.
+        Vector widths to test.
     num_tested : int
-        A multiple of 512, at least 4096.
+        Cases per operation and vector width: a multiple of NUMBERS_PER_ITEM, at least 4096.
     """
     found = Arithmetic(precision, lanes, num_tested)
     wrong, subnormals = _compare(device, found, OPERATIONS)
-    found = replace(found, replaced=tuple(finding for finding in wrong if finding.operation in OWN))
+    found = replace(found, replaced=tuple(finding for finding in wrong if finding.operation in REPLACEABLE))
     if found.replaced:
         wrong, subnormals = _compare(device, found, OPERATIONS)
     return replace(found, wrong=tuple(wrong), subnormals=tuple(subnormals))
 
 
 def unfused(device: DeviceQueue, precision: Precision, lanes: tuple[int, ...], num_tested: int) -> list[Finding]:
-    """Return where fma is not fused; no kernel uses it. DeviceError: the runtime does not build it."""
+    """Return the vector widths in which fma is not fused; no kernel uses fma.
+
+    Raises
+    ------
+    DeviceError
+        The runtime does not build it.
+    """
     return _compare(device, Arithmetic(precision, lanes, num_tested), {"fma": FMA})[0]
 
 
 def _compare(
     device: DeviceQueue, tested: Arithmetic, operations: Mapping[str, Operation]
 ) -> tuple[list[Finding], list[Finding]]:
-    """Return the operations that are wrong for ordinary numbers, and those for subnormal ones."""
-    abcd = numbers(tested.precision, tested.num_tested)
+    """Return the operations that are wrong for ordinary numbers, and those that are wrong for subnormal ones."""
+    abcd = operands(tested.precision, tested.num_tested)
     ordinary = ~np.any(_subnormal(abcd), axis=0)
     wrong: list[Finding] = []
     subnormals: list[Finding] = []
@@ -220,12 +230,12 @@ def _compare(
 
 
 def _subnormal(x: Any) -> Any:
-    """Return where a number is subnormal, or the least normal one, which a rounding may have made."""
+    """Return a mask of the subnormal numbers, and of the least normal ones, since rounding can make them."""
     return (x != 0) & (np.abs(x) <= np.finfo(x.dtype).tiny)
 
 
 def _differs(got: Any, expected: Any) -> Any:
-    """Return where bits differ; any NaN is as good as another."""
+    """Return a mask of the results whose bits differ; any NaN equals any other."""
     if expected.dtype.kind != "f":
         return got != expected.astype(got.dtype)
     return (_bits(got) != _bits(expected)) & ~(np.isnan(got) & np.isnan(expected))
@@ -234,22 +244,22 @@ def _differs(got: Any, expected: Any) -> Any:
 def _run(
     device: DeviceQueue, abcd: NDArray[Any], lanes: int, names: list[str], options: dict[str, int]
 ) -> NDArray[Any]:
-    """Return the results of kernels/doctor.cl as integers, a row for each of `names`."""
+    """Return the results of kernels/evidence/doctor.cl as integers, (len(names), count)."""
     count, size = abcd.shape[1], abcd.itemsize
     defines = {f"ROW_{name}": row for row, name in enumerate(names)} | {"FMA": int("fma" in names)}
-    program = device.program("doctor.cl", "", LANES=lanes, DOUBLE=int(size == 8), **defines, **options)
+    program = device.program("evidence/doctor.cl", "", LANES=lanes, DOUBLE=int(size == 8), **defines, **options)
     with device.lock:
         given, results = device.buffer(abcd.nbytes), device.buffer(len(names) * count * size)
         device.write(given, abcd)
-        device.write(results, np.full((len(names), count), UNUSED, f"i{size}"))
+        device.write(results, np.full((len(names), count), UNWRITTEN, f"i{size}"))
         program.kernels["doctor"](device.queue, (count // NUMBERS_PER_ITEM,), None, given, results, np.int32(count))
         return device.read(results, (len(names), count), f"i{size}")
 
 
 def _example(formula: str, abcd: Any, got: Any, expected: Any) -> str:
-    """Return one wrong case in words, reals in hexadecimal."""
-    operands = ", ".join(f"{name}={_text(x)}" for name, x in zip("abcd", abcd, strict=True) if name in formula)
-    return f"{formula} with {operands} gave {_text(got)}, not {_text(expected)}"
+    """Return one wrong case in words, with the reals in hexadecimal."""
+    values = ", ".join(f"{name}={_text(x)}" for name, x in zip("abcd", abcd, strict=True) if name in formula)
+    return f"{formula} with {values} gave {_text(got)}, not {_text(expected)}"
 
 
 def _text(x: Any) -> str:

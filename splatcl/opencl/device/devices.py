@@ -1,4 +1,4 @@
-"""OpenCL devices: which there are and which one is used."""
+"""OpenCL devices: list them, and choose one."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from typing import Any
 from splatcl.errors import DeviceError
 
 _opened_by: int | None = None
-"""The process that started OpenCL."""
+"""Id of the process that started OpenCL; None before the start."""
 
 
 def forked() -> bool:
-    """Whether this process was forked after OpenCL had started, and so cannot use it (see worker.py)."""
+    """Return True if this process was forked after OpenCL had started, and so cannot use OpenCL (see worker.py)."""
     return _opened_by not in (None, os.getpid())
 
 
 @dataclass(frozen=True)
 class DeviceInfo:
-    """One OpenCL device. `index` counts over all platforms, in the order of preference."""
+    """One OpenCL device; `index` counts over all platforms, in the order of preference."""
 
     index: int
     platform: str
@@ -34,14 +34,19 @@ class DeviceInfo:
     handle: Any = field(repr=False, compare=False)
 
 
+def cache_folder() -> Path:
+    """Return the user's cache folder; `RuntimeError` if the user has no home folder."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+
+
 def _ensure_cache_folder() -> None:
-    """Give PoCL and PyOpenCL a cache folder they can write; without one neither starts."""
+    """Give PoCL and PyOpenCL a cache folder that they can write; without one, neither starts."""
     try:
-        folder = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        folder = cache_folder()
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             return
-    except (OSError, RuntimeError):  # RuntimeError: no home at all
+    except (OSError, RuntimeError):  # RuntimeError: the user has no home folder
         substitute = Path(tempfile.gettempdir()) / f"splatcl-cache-{os.getuid()}"
         substitute.mkdir(mode=0o700, exist_ok=True)
         if substitute.stat().st_uid != os.getuid():
@@ -50,7 +55,7 @@ def _ensure_cache_folder() -> None:
 
 
 def _preference(device: Any) -> tuple[bool, bool, tuple[int, ...]]:
-    """PoCL's CPU first (the newest, where several are installed), then other CPUs, then the rest."""
+    """Return a sort key: PoCL's CPU first (the newest version first), then other CPUs, then other devices."""
     import pyopencl as cl
 
     is_pocl = "Portable Computing Language" in device.platform.name
@@ -76,7 +81,7 @@ def list_devices() -> list[DeviceInfo]:
     Raises
     ------
     DeviceError
-        OpenCL itself does not start.
+        OpenCL does not start.
     """
     global _opened_by
     _ensure_cache_folder()
@@ -86,7 +91,7 @@ def list_devices() -> list[DeviceInfo]:
     try:
         handles = [device for platform in cl.get_platforms() for device in platform.get_devices()]
     except cl.Error as error:
-        raise DeviceError(f"no OpenCL platform ({error}); pip install 'pyopencl[pocl]' brings one") from None
+        raise DeviceError(f"no OpenCL platform ({error}); pip install 'pyopencl[pocl]' installs one") from None
     handles.sort(key=_preference)
     return [
         DeviceInfo(i, d.platform.name, d.name.strip(), d.platform.version, i == 0, _supports(d), d)
@@ -100,17 +105,17 @@ def choose_device(wanted: str | int | None = None) -> DeviceInfo:
     Parameters
     ----------
     wanted : str or int, optional
-        An index of `list_devices`, or words that must all be in the platform's name and version or in the
-        device's name, in any case ("pocl 3.1", "intel"); a device where they follow each other goes first.
+        An index of `list_devices`, or words such as "pocl 3.1" or "intel". A device fits if its platform's name and
+        version and its own name contain all words, in any case. A device with the words in sequence goes first.
 
     Raises
     ------
     DeviceError
-        No device at all, or none that fits.
+        There is no device, or none fits.
     """
     devices = list_devices()
     if not devices:
-        raise DeviceError("no OpenCL device; pip install 'pyopencl[pocl]' brings PoCL's CPU device")
+        raise DeviceError("no OpenCL device; pip install 'pyopencl[pocl]' installs PoCL's CPU device")
     if wanted is None:
         wanted = os.environ.get("SPLATCL_DEVICE", "")
     wanted = str(wanted).strip()
@@ -124,4 +129,4 @@ def choose_device(wanted: str | int | None = None) -> DeviceInfo:
             if not wanted.isdigit() and all(word in text for word in words):
                 return device
     known = "; ".join(f"{d.index}: {d.version}, {d.name}" for d in devices)
-    raise DeviceError(f"no OpenCL device fits {wanted!r}; there are {known}")
+    raise DeviceError(f"no OpenCL device fits {wanted!r}; choose one of {known}")

@@ -1,4 +1,4 @@
-"""Numbers that tell a correctly rounding device from others: special, close to a decision, and pseudo-random."""
+"""Operands that expose incorrect rounding: special values, near ties of the rounding, and pseudo-random numbers."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from numpy.typing import NDArray
 from splatcl.scene.settings import Precision
 
 REALS: dict[Precision, type[np.floating[Any]]] = {"single": np.float32, "double": np.float64}
+"""NumPy type of each precision's real."""
 MODERATE = 2.0**40
-"""Sums and products of a few numbers from 1 / MODERATE to MODERATE, and their rounding errors, are not subnormal."""
+"""Largest moderate size, 1 / MODERATE the least: sums, products and rounding errors of a few are not subnormal."""
 
 
 @cache
-def numbers(precision: Precision, count: int) -> NDArray[Any]:
-    """Return (4, count) numbers a, b, c, d, the same in every run.
+def operands(precision: Precision, count: int) -> NDArray[Any]:
+    """Return (4, count) operands a, b, c, d, the same in every run; `count` is at least 4096.
 
-    All pairs of special values; quotients a/b and roots of a next to the middle between two numbers; sums a + b and
-    a c + b that cancel; numbers of moderate size; any bit patterns. `count` is at least 4096.
+    They are all pairs of special values, quotients a / b and roots of a close to a tie, sums a + b and a c + b that
+    cancel, numbers of moderate size, and arbitrary bit patterns.
     """
     rng, dtype = np.random.default_rng(2005), REALS[precision]
     special = np.array(list(itertools.product(_special(dtype), repeat=2)), dtype).T
@@ -53,16 +54,16 @@ def _special(dtype: type[np.floating[Any]]) -> list[Any]:
 
 
 def _moderate(rng: np.random.Generator, dtype: type[np.floating[Any]], count: int) -> NDArray[Any]:
-    """Return (4, count) numbers of either sign within 2^-20 and 2^20."""
+    """Return (4, count) numbers of either sign and of sizes from 2^-20 to 2^20."""
     sign = rng.choice([-1.0, 1.0], (4, count))
     return (sign * (1 + rng.random((4, count))) * 2.0 ** rng.integers(-20, 20, (4, count))).astype(dtype)
 
 
 def hard_quotients(dtype: type[np.floating[Any]]) -> Iterator[tuple[float, float]]:
-    """Yield a, b whose quotient is as close as can be to the middle q between two neighbours.
+    """Yield a, b whose quotient is as close as possible to a tie: the middle q between two neighboring numbers.
 
-    With precision p, whole numbers b of p bits and q of p + 1 bits: a = (q b + r) / 2^p with r = 1 or -1 is whole
-    where q = -r / b (mod 2^p).
+    Let the precision be p bits, and b and q whole numbers of p and p + 1 bits. Then a = (q b + r) / 2^p with r = 1 or
+    -1 is whole if q = -r / b (mod 2^p).
     """
     p = np.finfo(dtype).nmant + 1
     choose = random.Random(p)
@@ -75,10 +76,10 @@ def hard_quotients(dtype: type[np.floating[Any]]) -> Iterator[tuple[float, float
 
 
 def hard_roots(dtype: type[np.floating[Any]]) -> Iterator[float]:
-    """Yield x whose root is as close as can be to the middle s between two neighbours.
+    """Yield x whose root is as close as possible to a tie: the middle s between two neighboring numbers.
 
-    With precision p, whole numbers s of p + 1 bits and m of p bits: x = m 2^k = s^2 - r for small r = 1 (mod 8), for
-    which s^2 = r (mod 2^k) has four solutions.
+    Let the precision be p bits, and s and m whole numbers of p + 1 and p bits. Then x = m 2^k = s^2 - r for small
+    r = 1 (mod 8); for such r, s^2 = r (mod 2^k) has four solutions.
     """
     p = np.finfo(dtype).nmant + 1
     for i in itertools.count():
@@ -92,7 +93,7 @@ def hard_roots(dtype: type[np.floating[Any]]) -> Iterator[float]:
 def _roots_of(r: int, k: int) -> Iterator[int]:
     """Yield the four whole numbers whose square is `r` (mod 2^k), for r = 1 (mod 8)."""
     root = 1
-    for bit in range(3, k):  # right in its last `bit` bits: make it so in one more
+    for bit in range(3, k):  # the last `bit` bits of the root are right; correct one more
         if (root * root - r) >> bit & 1:
             root += 1 << (bit - 1)
     for sign, half in itertools.product((1, -1), (0, 1 << (k - 1))):

@@ -1,4 +1,4 @@
-"""A command queue on one device, with its programs and buffers."""
+"""A command queue on one device, with its built programs and its buffers."""
 
 from __future__ import annotations
 
@@ -15,24 +15,26 @@ from splatcl.opencl.device.devices import choose_device
 from splatcl.opencl.device.program import Program
 
 WorkItem = Literal["tile", "pixel"]
+"""Work of one work-item of the raster passes."""
 
 HUGE_PAGES_FROM = 16 << 20
-"""Bytes of a CPU's buffer from which it asks for huge pages: splats fetched in another order then cost a third less."""
+"""Least size of a CPU's buffer with huge pages, bytes. They make random access to the splats a third cheaper."""
 MADV_HUGEPAGE = 14
+"""Linux's constant for madvise."""
 
 
 def _advise_huge_pages(queue: Any, buffer: Any, num_bytes: int) -> None:
-    """Ask Linux for huge pages where a CPU's buffer lies; it may refuse, and nothing else changes."""
+    """Ask Linux for huge pages under a CPU's buffer; if it refuses, nothing changes."""
     import ctypes
 
     import pyopencl as cl
 
-    place, _ = cl.enqueue_map_buffer(queue, buffer, cl.map_flags.WRITE, 0, (num_bytes,), np.dtype(np.uint8))
-    start = -(-place.ctypes.data // mmap.PAGESIZE) * mmap.PAGESIZE
-    length = place.ctypes.data + num_bytes - start
+    mapped, _ = cl.enqueue_map_buffer(queue, buffer, cl.map_flags.WRITE, 0, (num_bytes,), np.dtype(np.uint8))
+    start = -(-mapped.ctypes.data // mmap.PAGESIZE) * mmap.PAGESIZE
+    length = mapped.ctypes.data + num_bytes - start
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).madvise(ctypes.c_void_p(start), ctypes.c_size_t(length), MADV_HUGEPAGE)
-    place.base.release(queue)
+    mapped.base.release(queue)
 
 
 class DeviceQueue:
@@ -43,9 +45,9 @@ class DeviceQueue:
     device : str, int, optional
         As for `choose_device`.
     lanes : int, optional
-        Pixels or splats per vector: 8 on a CPU (1 on rusticl), 1 elsewhere by default.
+        Pixels or splats per vector; by default 8 on a CPU (1 on rusticl), and 1 elsewhere.
     mapping : {"tile", "pixel"}, optional
-        What a work-item of the raster passes takes: a tile on a CPU, a pixel elsewhere by default.
+        Work of one work-item of the raster passes; by default a tile on a CPU, and a pixel elsewhere.
     """
 
     def __init__(
@@ -61,7 +63,7 @@ class DeviceQueue:
         handle = self.info.handle
         self._is_cpu = is_cpu = bool(handle.type & cl.device_type.CPU)
         self.mapping = mapping or ("tile" if is_cpu else "pixel")
-        # rusticl makes vectors of work-items by itself: with ours it is slower, and compiles for minutes.
+        # rusticl vectorizes over work-items; explicit vectors make it slower, and compiling takes minutes.
         own_vectors = is_cpu and "rusticl" not in self.info.platform.lower()
         self.lanes = lanes or (8 if own_vectors and self.mapping == "tile" else 1)
         if self.lanes > 8 and "PoCL 3.0" in self.info.version:
@@ -75,18 +77,18 @@ class DeviceQueue:
         except cl.Error as error:
             raise DeviceError(f"{self.info.version}, {self.info.name} does not start: {error}") from None
         self._images = cl.tools.MemoryPool(cl.tools.ImmediateAllocator(self.queue))
-        self._pixels = 0  # of the images in the pool
+        self._pixels = 0  # per image in the pool
         self.largest_buffer = handle.max_mem_alloc_size
         self.lock = threading.RLock()
         self._programs: dict[tuple[Any, ...], Program] = {}
         self._scratch: dict[str, Any] = {}
 
     def lanes_of(self, real: np.dtype[Any]) -> int:
-        """Return how many `real` one vector holds: 32 bytes at most, or the 64 bytes of 16 lanes."""
+        """Return the number of `real` in one vector: 32 bytes at most, or 64 bytes for 16 lanes."""
         return min(self.lanes, max(4 * self.lanes, 32) // real.itemsize)
 
     def program(self, name: str, prelude: str, **options: str | int) -> Program:
-        """Return kernels/`name` built with `options`, from this queue's own store if it has been built."""
+        """Return kernels/`name` built with `options`; the queue keeps every program that it has built."""
         options["ON_POCL"] = int("Portable Computing Language" in self.info.platform)
         key = (name, prelude, *sorted(options.items()))
         if key not in self._programs:
@@ -105,9 +107,9 @@ class DeviceQueue:
         return buffer
 
     def image(self, num_pixels: int, pixel_bytes: int) -> Any:
-        """Return a buffer from a pool, to which it goes back when it is no longer used: clearing pages costs 3 ms.
+        """Return an image buffer from a pool; releasing it returns it there, so its pages are not cleared again.
 
-        The pool is for images of one size, or it would grow with each new one.
+        The pool holds images of one size, so that it does not grow with each new size.
         """
         import pyopencl as cl
 
@@ -122,7 +124,7 @@ class DeviceQueue:
         return self.buffer(num_bytes) if rounds_too_far else pool.allocate(num_bytes)
 
     def scratch(self, name: str, num_bytes: int) -> Any:
-        """Return the buffer kept under `name`, grown to at least `num_bytes`; its content is undefined."""
+        """Return the scratch buffer `name` of at least `num_bytes`, with undefined content."""
         held = self._scratch.get(name)
         if held is None or held.size < num_bytes:
             self._scratch.pop(name, None)
@@ -138,7 +140,7 @@ class DeviceQueue:
             )
 
     def upload(self, array: NDArray[Any]) -> Any:
-        """Return a new buffer that holds a contiguous `array`."""
+        """Return a new buffer with a copy of a contiguous `array`."""
         buffer = self.buffer(array.nbytes)
         self.write(buffer, array)
         return buffer

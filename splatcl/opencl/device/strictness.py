@@ -1,6 +1,7 @@
-"""Whether a device's arithmetic is strict: a quick test, done once and remembered in the user's cache folder.
+"""A quick test of a device's arithmetic before rendering; the user's cache folder keeps the result.
 
-A device that is not strict is refused, or its images are marked inexact.
+A device is strict if every operation of the kernels is correctly rounded. Another device is refused, or its images
+are marked inexact.
 """
 
 from __future__ import annotations
@@ -18,23 +19,24 @@ import numpy as np
 from splatcl.errors import DeviceError, FileError
 from splatcl.opencl.device import arithmetic, program
 from splatcl.opencl.device.arithmetic import Arithmetic, Finding
+from splatcl.opencl.device.devices import cache_folder
 from splatcl.opencl.device.hard_cases import REALS
 from splatcl.opencl.device.queue import DeviceQueue, WorkItem
 from splatcl.scene.settings import Precision
 from splatcl.util.atomic import atomic_path
 
 FLAG_VARIABLES = ("PYOPENCL_BUILD_OPTIONS", "POCL_EXTRA_BUILD_FLAGS")
-"""Environment variables that inject compiler flags, which could change the bits of an image."""
+"""Environment variables that inject compiler flags; the flags could change the bits of an image."""
 
 
 class Strictness:
-    """What one device needs to compute strictly, and why its images may be inexact all the same.
+    """The build options that make a device strict, and the reasons why its images may still be inexact.
 
     Parameters
     ----------
     device : DeviceQueue
     allow_inexact : bool
-        Note the reasons against the device instead of refusing it.
+        Record the reasons against the device instead of refusing it.
 
     Raises
     ------
@@ -50,7 +52,13 @@ class Strictness:
             self._distrust(variable, f"{variable} injects compiler flags, which can change an image: {flags}")
 
     def options(self, precision: Precision) -> dict[str, int]:
-        """Return the build options that make every operation correctly rounded; `DeviceError` if none do."""
+        """Return the build options that make every operation correctly rounded.
+
+        Raises
+        ------
+        DeviceError
+            No options do, and inexact devices are not allowed.
+        """
         if precision not in self._options:
             found = quick_test(self._device, precision)
             if found.wrong:
@@ -60,7 +68,7 @@ class Strictness:
         return self._options[precision]
 
     def reason(self, precision: Precision) -> str:
-        """Return why images of this precision may be inexact; empty if they are not."""
+        """Return why images of this precision may be inexact; "" if they are exact."""
         return "; ".join(reason for key, reason in self._reasons.items() if key in (*FLAG_VARIABLES, precision))
 
     def _distrust(self, key: str, reason: str) -> None:
@@ -70,14 +78,14 @@ class Strictness:
 
 
 class Device(DeviceQueue):
-    """A command queue on a device that is fit for references.
+    """A command queue on a device that is fit for reference renders.
 
     Parameters
     ----------
     device, lanes, mapping
         As for `DeviceQueue`.
     allow_inexact : bool
-        Take a device whose arithmetic is not strict, or a compiler with injected flags (`Strictness`).
+        Accept a device whose arithmetic is not strict, and injected compiler flags (`Strictness`).
 
     Raises
     ------
@@ -102,10 +110,10 @@ def injected_flags() -> dict[str, str]:
 
 
 def quick_test(device: DeviceQueue, precision: Precision) -> Arithmetic:
-    """Test the vectors that rendering uses, or return what the cache folder remembers of that."""
+    """Test the vector widths that rendering uses, or return the result that the cache folder keeps."""
     lanes = tuple(sorted({1, device.lanes_of(np.dtype(REALS[precision]))}))
     path = _cache_folder() / f"arithmetic-{_key(device, precision, lanes)}.json"
-    with suppress(OSError, ValueError, KeyError, TypeError):  # none, or damaged
+    with suppress(OSError, ValueError, KeyError, TypeError):  # no result, or a damaged one
         return _from_json(json.loads(path.read_text()))
     found = arithmetic.examine(device, precision, lanes)
     with suppress(OSError, FileError):
@@ -116,14 +124,14 @@ def quick_test(device: DeviceQueue, precision: Precision) -> Arithmetic:
 
 
 def _cache_folder() -> Path:
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "splatcl"
+    return cache_folder() / "splatcl"
 
 
 def _key(device: DeviceQueue, precision: Precision, lanes: tuple[int, ...]) -> str:
-    """Return a hash of all that the result depends on: the device, its driver, injected flags, and the test itself."""
+    """Return a hash of everything that affects the result: device, driver, injected flags, and the test's source."""
     handle = device.info.handle
     facts = (device.info.platform, device.info.version, device.info.name, handle.driver_version, precision, lanes)
-    test = [Path(arithmetic.__file__).read_text(), program.inline_source("doctor.cl", {})]
+    test = [Path(arithmetic.__file__).read_text(), program.inline_source("evidence/doctor.cl", {})]
     return hashlib.sha256(repr((facts, injected_flags(), test)).encode()).hexdigest()[:24]
 
 

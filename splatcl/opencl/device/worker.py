@@ -1,7 +1,7 @@
-"""Rendering for a process that was forked after OpenCL had started.
+"""A worker that renders for a process forked after OpenCL had started.
 
-An OpenCL runtime's threads do not survive a fork, and its device then waits for them for ever. Such a process
-sends its work to a fresh interpreter of its own, over a pair of pipes.
+The threads of an OpenCL runtime do not survive a fork, so a forked process would wait for them forever. It sends its
+work to a new interpreter instead, over a pair of pipes.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from splatcl.errors import DeviceError
 
 
 class Worker:
-    """A fresh interpreter that uses OpenCL; it ends when this process does."""
+    """A new interpreter that uses OpenCL; it ends when this process does."""
 
     def __init__(self) -> None:
         self.lock = threading.Lock()
@@ -31,7 +31,7 @@ class Worker:
     def call(
         self, factory: Callable[..., Any], arguments: tuple[Any, ...], function: Callable[..., Any], *args: Any
     ) -> Any:
-        """Return ``factory(*arguments).call(function, *args)``, from the worker, which keeps what the factory made."""
+        """Return ``factory(*arguments).call(function, *args)`` from the worker; it keeps the factory's objects."""
         with self.lock:
             assert self.process.stdin and self.process.stdout
             try:
@@ -50,7 +50,7 @@ _starting = threading.Lock()
 
 
 def worker() -> Worker:
-    """Return this process's own worker, started when first asked for."""
+    """Return this process's own worker; start it at the first call."""
     with _starting:
         if os.getpid() not in _workers:
             _workers[os.getpid()] = Worker()
@@ -58,9 +58,9 @@ def worker() -> Worker:
 
 
 def main() -> None:
-    """Do the jobs that arrive on standard input until it closes."""
+    """Run the jobs that arrive on standard input until it closes."""
     jobs, results = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever a runtime prints must not mix with the frames
+    os.dup2(2, 1)  # a runtime's own output must not mix with the results
     made: dict[Any, Any] = {}
     while True:
         try:

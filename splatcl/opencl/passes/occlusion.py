@@ -1,4 +1,4 @@
-"""Occlusion culling on the device: entries that nearer splats of their tile hide are passed over."""
+"""Occlusion culling on the device: entries behind a tile's front layer that cannot show are skipped."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from splatcl.opencl.state.context import PassContext
 
 
 def occlusion(context: PassContext, lists: TileLists, depth: DepthBuffer, epsilon: float) -> None:
-    """Find the entries behind the front layer, which is in `depth`, that cannot show (kernels/hide.cl)."""
+    """Mark the entries of `lists` that `depth` occludes, in their occlusion keys (kernels/passes/occlusion.cl).
+
+    `depth` holds the front layer. No bit of the image changes: an entry that may show stays.
+    """
     camera = context.camera
     context.run(
-        "hide", (lists.last_tile - lists.first_tile,), lists.keys, lists.start, lists.begin_buffer, lists.first_tile,
-        context.tiles_x, camera.width, camera.height, float(epsilon), depth.depth,
+        "occlusion", (lists.last_tile - lists.first_tile,), lists.keys, lists.start, lists.begin_buffer,
+        lists.first_tile, context.tiles_x, camera.width, camera.height, float(epsilon), depth.depth,
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The projection on the device: a record for each entry of the tile lists."""
+"""The projection pass on the device: a record for each entry of the tile lists (kernels/passes/project.cl)."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from splatcl.opencl.state.lights import shading_structs
 from splatcl.opencl.state.upload import PLANE_PAD, DeviceSplats
 
 ENTRIES_PER_ITEM = 1024
-"""Entries of the tile lists that a work-item of the projection takes."""
+"""Entries that one work-item of the projection takes."""
 
 
 def project(
     context: PassContext, view: Any, splats: DeviceSplats, lists: TileLists, layer: int = EVERY
 ) -> ProjectedSplats:
-    """Project, cull and bound the splat of each entry of `layer` that is not hidden (kernels/project.cl)."""
+    """Project, cull and bound the splat of each entry of `layer` that is not occluded."""
     num_entries = int(lists.begin[-1])
     sizes = {
         "records": context.dtypes["ProjectedSplat"].itemsize,

@@ -1,4 +1,4 @@
-"""The visibility pass on the device: depth(p), the nearest disc of each pixel."""
+"""The visibility pass on the device: depth(p), the nearest disc of each pixel p (kernels/passes/visibility.cl)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from splatcl.opencl.state.upload import DeviceSplats
 def visibility(
     context: PassContext, lists: TileLists, projected: ProjectedSplats, depth: DepthBuffer, layer: int = EVERY
 ) -> None:
-    """Fill the band's part of `depth`: the nearest disc of each pixel (kernels/visibility.cl)."""
+    """Fill the band's part of `depth` with the nearest disc of each pixel, of `layer` and the layers before it."""
     camera = context.camera
     context.run_raster(
         "visibility", lists, projected.records, projected.extra, projected.disc_near_z, lists.ids, lists.start,
@@ -24,7 +24,7 @@ def visibility(
     )  # fmt: skip
 
 
-def project_and_see(
+def project_and_find_depth(
     context: PassContext, view: Any, splats: DeviceSplats, lists: TileLists, depth: DepthBuffer, epsilon: float
 ) -> ProjectedSplats:
     """Project a band's entries and fill its part of `depth`, layer by layer; return the records of all layers."""

@@ -1,1 +1,1 @@
-"""State that the passes of a frame share: context, buffers, uploads, lights."""
+"""State that the passes of a frame share: context, records, uploaded splats, lights."""

@@ -1,79 +1,76 @@
-"""The records between the passes, on the device: each one's shapes, once (oracle/buffers.py has their twins)."""
+"""Records between the passes, on the device: the shape, space and unit of each buffer, once.
+
+oracle/buffers.py has the twins. N splats, an image of H x W pixels, a band of T tiles with E entries. Eye space is x
+right, y down, z forward, in scene units; raster space is in pixels (docs/specification.md). `real` is float32 or
+float64, as the settings' precision says. A field of type `Any` is an OpenCL buffer; device/structs.py has its structs.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Channels = Mapping[str, tuple[Any, int]]
-"""By a splat attribute's name: a (H, W, 3) image, and which of its channels holds the blended attribute."""
-NO_CHANNELS: Channels = MappingProxyType({})
+"""By the name of a splat attribute: the (H, W, 3) real image that holds its mean, and the channel, 0 to 2."""
 
 
 @dataclass(frozen=True)
 class TileLists:
-    """Splats that may touch each tile of the band [first_tile, last_tile), a run for each tile, in splat order.
+    """Splats that may touch each tile of a band: one run per tile, in splat order.
 
-    The band's entries are `ids[start:start + begin[-1]]`; tile t's among them are from begin[t - first_tile].
-    Where there are layers, `clues` says which each is in (kernels/clue.h).
+    The band's entries are `ids[start:start + begin[-1]]`. Tile t's run begins at entry `begin[t - first_tile]`.
     """
 
-    ids: Any
-    keys: Any
-    start: int
-    begin: NDArray[np.int32]
-    begin_buffer: Any
-    first_tile: int
-    last_tile: int
+    ids: Any  # (start + E,) or more, int32 splat indices
+    keys: Any  # (start + E,) or more, int32 occlusion keys (kernels/passes/occlusion.h); unused if all is one layer
+    start: int  # index in `ids` of the band's first entry
+    begin: NDArray[np.int32]  # (T + 1,) each run's first entry, then E
+    begin_buffer: Any  # (T + 1,) int32, `begin` on the device
+    first_tile: int  # row-major index
+    last_tile: int  # row-major index, exclusive
 
 
 @dataclass(frozen=True)
 class ProjectedSplats:
-    """A record for each entry of the tile lists, with the pixels of its disc and those of its pre-filter as well.
+    """Projected splats of a band: one record per entry of its tile lists."""
 
-    `near_z` is a depth that no fragment is nearer than, `disc_near_z` the same for the disc alone and only for this
-    layer; NaN where there are no pixels, and where the entry was not projected. `extra` is what methods other than
-    [BHZK05]'s need, by the build `options` (kernels/extra.h).
-    """
-
-    records: Any
-    attributes: Any
-    boxes: Any
-    disc_near_z: Any
-    near_z: Any
-    extra: Any
-    options: Mapping[str, Any]
+    records: Any  # (E,) ProjectedSplat, tile order
+    attributes: Any  # (E,) SplatAttributes
+    boxes: Any  # (E, 4) int16 x_min y_min x_max y_max of footprint and pre-filter, whole pixels, ends included
+    disc_near_z: Any  # (E,) real, eye z that no fragment of the disc is nearer than; NaN: no pixels, or other layer
+    near_z: Any  # (E,) real, eye z that no fragment is nearer than; NaN: no pixels, or not projected
+    extra: Any  # (E,) ProjectedExtra; empty if no build option needs it
+    options: Mapping[str, Any]  # build options that say which fields of `extra` are set (kernels/splat/extra.h)
 
 
 @dataclass(frozen=True)
 class DepthBuffer:
-    """Visibility depth (eye z, +inf where none) and the splat that set it (0xFFFFFFFF none), (H, W)."""
+    """Output of the visibility pass."""
 
-    depth: Any
-    particleid: Any
+    depth: Any  # (H, W) real eye z of the front-most splat, scene units; +inf where no footprint covers the pixel
+    particleid: Any  # (H, W) uint32 index of that splat; 0xFFFFFFFF where there is none
 
 
 @dataclass(frozen=True)
 class GBuffer:
-    """Sums over accepted fragments: weight (H, W), color and normal (H, W, 3), depth (H, W), count (H, W)."""
+    """Output of the attribute pass: sums over the fragments accumulated at each pixel."""
 
-    weight_sum: Any
-    color_sum: Any
-    normal_sum: Any
-    depth_sum: Any
-    count: Any
+    weight_sum: Any  # (H, W) real, of w
+    color_sum: Any  # (H, W, 3) real, of w color, linear RGB
+    normal_sum: Any  # (H, W, 3) real, of w n, eye space
+    depth_sum: Any  # (H, W) real, of w z, scene units
+    count: Any  # (H, W) uint32 number of fragments
 
 
 @dataclass(frozen=True)
 class Band:
-    """A band of tiles, projected and visible: what the attribute pass takes."""
+    """A band of tiles after the visibility pass: the input of the attribute pass."""
 
-    view: Any  # View, the camera
+    view: Any  # (1,) View, the camera
     lists: TileLists
     projected: ProjectedSplats
     depth: DepthBuffer
@@ -81,20 +78,31 @@ class Band:
 
 
 @dataclass(frozen=True)
-class Surface:
-    """AOVs to shade: P, N and albedo (H, W, 3), and a weight (H, W) above 0 where there is a surface."""
+class Raster:
+    """A frame after the raster passes: the input of shading."""
 
-    position: Any
-    normal: Any
-    albedo: Any
-    weight: Any
+    view: Any  # (1,) View, the camera
+    depth: DepthBuffer
+    gbuffer: GBuffer
+    epsilon: float  # depth tolerance, scene units
+    channels: Channels = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Surface points to shade, one per pixel."""
+
+    position: Any  # (H, W, 3) real, P, eye space, scene units
+    normal: Any  # (H, W, 3) real, N, unit, eye space; 0 where it is undefined
+    albedo: Any  # (H, W, 3) real, linear RGB
+    weight: Any  # (H, W) real, w; > 0 where there is a surface
     channels: Channels = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class Shadows:
-    """The shadow maps of a frame: their structs and all their depths on the device, and each light's bias."""
+    """Visibility passes from the lights."""
 
-    maps: Any
-    depths: Any
-    bias: tuple[float | None, ...]
+    maps: Any  # (L,) ShadowMap, one for each light with shadows
+    depths: Any  # the maps' (size, size) real one after another, scene units along the light's z
+    bias: tuple[float | None, ...]  # of each light, scene units along the light's z; None for one without shadows

@@ -1,4 +1,4 @@
-"""What every pass of one frame needs, and how a kernel is run for it."""
+"""The context of one frame's passes: device, camera, settings and tile grid; it builds and runs their kernels."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from splatcl.opencl.device.program import file_of
 from splatcl.opencl.device.strictness import Device
 from splatcl.opencl.device.structs import REAL, structs
 from splatcl.opencl.state.buffers import DepthBuffer, GBuffer, TileLists
@@ -14,25 +15,30 @@ from splatcl.scene.camera import Camera, rotated
 from splatcl.scene.settings import Precision, RenderSettings
 
 PIXEL_GROUP = 64
-"""Work-items per group where each takes one pixel; it must divide the smallest tile."""
+"""Work-items per group when each takes one pixel. It must divide the pixels of the smallest tile."""
 FEW_TILES, MANY_ENTRIES = 8, 4096
-"""A band of fewer tiles, with more entries a tile than that, is cut into smaller work-items."""
+"""A band with fewer tiles than `FEW_TILES`, and more than `MANY_ENTRIES` entries per tile, gets smaller work-items."""
 FOOTPRINTS = {"raycast": 0, "affine": 1, "conic": 2}
 PREFILTERS = {"none": 0, "min": 1, "ewa": 2}
 DEFERRED, PER_FRAGMENT, PER_SPLAT = 0, 1, 2
 SHADING = {"deferred": DEFERRED, "fragment": PER_FRAGMENT, "splat": PER_SPLAT}
 TARGETS = {"float16": 1, "unorm8": 2}
-"""Build options of the kernels (extra.h, target.h)."""
+"""Values of the kernels' build options (kernels/splat/extra.h, kernels/splat/target.h)."""
 FACING = {"keep": 0, "flip": 1, "cull": 2}
 EVERY, FRONT, BEHIND = 0, 1, 2
-"""Layers of the tile lists: every entry; those near the nearest of their tile; those behind that they do not hide."""
+"""Layers of a tile's list: every entry; the entries near the tile's nearest; the others that these do not occlude."""
+
+
+def shader_header(shader: str) -> str:
+    """Return the value of the build option SHADER: the header of `shader` in kernels/."""
+    return f'"shading/shaders/{shader}.h"'
 
 
 class PassContext:
-    """What every pass of one frame needs: the device, the camera and settings as structs, the tile grid.
+    """Device, camera, settings and tile grid of one frame's passes.
 
-    `first` is the column and row of a window's first pixel: the frame is then the pixels from there on, `camera.width`
-    and `camera.height` of them, of a larger image whose principal point the camera's is.
+    The frame may be a window of a larger image. `first` is then the column and row of the window's first pixel. The
+    camera's width and height are the window's; its principal point is that of the larger image.
     """
 
     def __init__(
@@ -57,15 +63,15 @@ class PassContext:
             "PREFILTER": PREFILTERS[settings.prefilter],
             "FIELD": int(settings.normals == "field"),
             "SHADING": SHADING[settings.shading],
-            "SHADER": f'"{"albedo" if settings.shading == "deferred" else settings.shader}.h"',
+            "SHADER": shader_header("albedo" if settings.shading == "deferred" else settings.shader),
         }
-        # Where what faces away is culled, little of one closed surface is hidden.
+        # Back-face culling already removes most hidden splats of a closed surface, so layers would not pay.
         self.layers = (EVERY,) if settings.facing == "cull" else (FRONT, BEHIND)
 
     def run(self, kernel: str, size: tuple[int, ...], *args: Any, group: int = 1, **options: str | int) -> None:
-        """Run `kernel` of the file that its name begins with, built for this frame, over `size` work-items.
+        """Run `kernel` (`program.file_of` finds its file), built for this frame, over `size` work-items.
 
-        Python integers become int, Python floats the frame's real.
+        Python integers become int; Python floats become the frame's real.
         """
         common = {
             "LANES": self.lanes,
@@ -74,17 +80,16 @@ class PassContext:
             **self.device.strictness.options(self.precision),
             "ORTHOGRAPHIC": int(self.camera.projection == "orthographic"),
         }
-        file = {"resolve": "shade.cl"}.get(kernel, kernel.split("_")[0] + ".cl")
         converted = [
             np.int32(a) if isinstance(a, int) else self.real.type(a) if isinstance(a, float) else a for a in args
         ]
-        program = self.device.program(file, self.declarations, **(common | options))
+        program = self.device.program(file_of(kernel), self.declarations, **(common | options))
         program(self.device.queue, kernel, size, group, *converted)
 
     def run_raster(self, kernel: str, lists: TileLists, *args: Any, **options: str | int) -> None:
-        """Run a raster pass over a band's tiles: a work-item per tile, or per pixel of each.
+        """Run a raster pass over a band's tiles, with a work-item per tile or per pixel.
 
-        Where a few tiles hold many splats, a work-item takes a quarter of a tile, for the other cores to help.
+        If few tiles hold many splats, a work-item takes a quarter of a tile, so that all cores have work.
         """
         num_tiles, group, region = lists.last_tile - lists.first_tile, 1, self.tile_size
         if self.device.mapping == "pixel":
@@ -96,16 +101,16 @@ class PassContext:
 
     @property
     def target(self) -> int:
-        """What sums are rounded to (target.h), 0 for the precision's own real."""
+        """Number of the type that sums are rounded to (kernels/splat/target.h); 0 for the frame's real."""
         narrower = self.settings.target == "float32" and self.real == np.float64
         return 3 if narrower else TARGETS.get(self.settings.target, 0)
 
     def image(self, channels: int = 1, dtype: Any = None) -> Any:
-        """Return a new image buffer of (H, W, channels)."""
+        """Return an image buffer (H, W, channels) with undefined content; `dtype` is the frame's real by default."""
         return self.device.image(self.num_pixels, channels * np.dtype(dtype or self.real).itemsize)
 
     def constant(self, array: NDArray[Any]) -> Any:
-        """Return `array` as a buffer on the device."""
+        """Return a read-only buffer on the device with a copy of `array`."""
         import pyopencl as cl
 
         if not array.size:
@@ -114,7 +119,10 @@ class PassContext:
         return cl.Buffer(self.device.context, flags, hostbuf=np.ascontiguousarray(array))
 
     def view(self, origin: NDArray[np.float64]) -> Any:
-        """Return the View struct: the camera for world coordinates relative to `origin`, to twice the precision."""
+        """Return the View struct on the device: the camera for world coordinates relative to `origin`, (3,) float64.
+
+        The fields of the view transform have a high and a low part, so they have twice the precision.
+        """
         camera, view = self.camera, np.zeros(1, self.dtypes["View"])
         rotation = camera.eye_from_world[:3, :3]
         translation = camera.eye_from_world[:3, 3] + rotated(rotation, origin)
@@ -139,7 +147,7 @@ class PassContext:
 
 
 def frame_buffers(context: PassContext) -> tuple[DepthBuffer, GBuffer]:
-    """Return the images that the raster passes fill."""
+    """Return the images that the raster passes fill, with undefined content."""
     depth = DepthBuffer(context.image(), context.image(dtype="u4"))
     return depth, GBuffer(
         context.image(), context.image(3), context.image(3), context.image(), context.image(dtype="u4")

@@ -1,4 +1,4 @@
-"""Lights as the kernels take them: structs in eye space, and what comes with shadows or a light map."""
+"""Lights as kernel arguments: structs in eye space, and the build options for shadows and the light map."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from splatcl.scene.lights import Light
 from splatcl.scene.settings import RenderSettings
 
 LIGHTMAP_SIZE = 129
-"""Samples of the light map each way."""
-LIT = ("phong", "npr", "user")
-"""Shaders that ask for each light, and so for its shadows."""
-STEP = 1e30
-"""Slope of a cone whose edge has no width."""
+"""Samples of the light map per axis."""
+SHADOWED = ("phong", "npr", "user")
+"""Shaders that evaluate each light by itself, and so can apply its shadow map."""
+MAX_CONE_SLOPE = 1e30
+"""Slope of a spot's falloff, per unit of cosine, when its inner and outer angles are equal."""
 
 
 def shading_structs(context: PassContext) -> tuple[Any, Any]:
-    """Return the Shading and PhongLight structs on the device."""
+    """Return the Shading and PhongLight structs on the device: (1,) and (num_lights,), at least one."""
     settings, lights = context.settings, context.settings.lights
     shading = np.zeros(1, context.dtypes["Shading"])
     for name in ("ambient", "diffuse", "specular", "shininess"):
@@ -39,7 +39,10 @@ def shading_structs(context: PassContext) -> tuple[Any, Any]:
 
 
 def eye_light(light: Light, camera: Camera) -> dict[str, float]:
-    """Return fields of PhongLight: a position (is_point 1) or the direction toward the light, in eye space."""
+    """Return the fields of PhongLight, in eye space.
+
+    x, y, z is a position if is_point is 1, else the unit direction toward the light.
+    """
     rotation, vector = camera.eye_from_world[:3, :3], np.array(light.vector, np.float64)
     is_point, eye = light.has_place, np.zeros(3)
     if light.kind == "headlight":
@@ -55,13 +58,13 @@ def eye_light(light: Light, camera: Camera) -> dict[str, float]:
         back = rotated(rotation, -direction / np.sqrt((direction * direction).sum()))
         struct |= dict(zip(("back_x", "back_y", "back_z"), back, strict=True))
         inner, outer = (math.cos(math.radians(angle)) for angle in (light.inner, light.outer))
-        struct |= {"cos_outer": outer, "cone": 1 / max(inner - outer, 1 / STEP)}
+        struct |= {"cos_outer": outer, "cone": 1 / max(inner - outer, 1 / MAX_CONE_SLOPE)}
     return struct
 
 
 def light_options(settings: RenderSettings) -> dict[str, int]:
-    """Return the build options of a kernel that shades that say what light there is."""
+    """Return a shading kernel's build options for the light map or the shadows."""
     if settings.shader == "lightmap":
         return {"LIGHTMAP": LIGHTMAP_SIZE}
-    casts = settings.shader in LIT and any(light.shadow != "none" for light in settings.lights)
+    casts = settings.shader in SHADOWED and any(light.shadow != "none" for light in settings.lights)
     return {"SHADOWS": 1} if casts else {}

@@ -1,4 +1,4 @@
-"""Splats on the device, near an origin, uploaded once for many frames."""
+"""Splats on the device, relative to a near origin; uploaded once for many frames."""
 
 from __future__ import annotations
 
@@ -14,45 +14,43 @@ from splatcl.opencl.device.structs import REAL
 from splatcl.scene.settings import Precision
 from splatcl.scene.splats import Splats
 
-GLOSS = ("specular", "shininess")
-"""Attributes that take the place of the material's."""
+PHONG_ATTRIBUTES = ("specular", "shininess")
+"""Splat attributes that replace the material's specular coefficient and shininess."""
 PLANE_PAD = 16
-"""Planes are padded to the widest vector, so that the last one may be read whole."""
+"""Reals that a plane's length is a multiple of: the widest vector, so kernels can read the last vector whole."""
 
 
 @dataclass(frozen=True)
 class DeviceSplats:
-    """Splats on the device, relative to `origin` (world space, float64).
+    """Splats on the device, in world space relative to `origin`.
 
-    The geometry lies twice: as planes of x, y, z, which binning streams, and splat by splat with the colour
-    (layout.py, Splat), which the projection fetches in the order of the tile lists. `center_low` is what single
-    precision leaves of float64 centres, splat by splat, None where that is nothing. `extra` holds what only some splats
-    have (layout.py, SplatExtra), None where none has it; `options` says what (kernels/extra.h).
+    The geometry is stored twice. Binning streams the planes of x, y and z. The projection fetches `splats` in the
+    order of the tile lists.
     """
 
-    center: Any
-    tangent_u: Any
-    tangent_v: Any
-    splats: Any
-    center_low: Any
-    origin: NDArray[np.float64]
+    center: Any  # (3, stride) real, scene units
+    tangent_u: Any  # (3, stride) real, scene units
+    tangent_v: Any  # (3, stride) real, scene units
+    splats: Any  # (N,) Splat: center, tangents, linear RGB
+    center_low: Any  # (N, 3) real, the rest of float64 centers after rounding to `real`; None if all are 0
+    origin: NDArray[np.float64]  # (3,) world space
     num_splats: int
-    stride: int
-    extra: Any = None
-    options: Mapping[str, int] = field(default_factory=lambda: {"CLIP": 0, "GLOSS": 0})
-    channels: tuple[AttributeGroup, ...] = ()
+    stride: int  # N rounded up to a multiple of PLANE_PAD
+    extra: Any = None  # (N,) SplatExtra; None if no splat has any of it
+    options: Mapping[str, int] = field(default_factory=lambda: {"CLIP": 0, "GLOSS": 0})  # kernels/splat/extra.h
+    attribute_groups: tuple[AttributeGroup, ...] = ()
 
 
 @dataclass(frozen=True)
 class AttributeGroup:
-    """Up to six attributes of every splat; a name is empty where there is none of it."""
+    """Up to six attributes of every splat: two images of three channels."""
 
-    names: tuple[str, ...]
-    values: Any
+    names: tuple[str, ...]  # of each column; "" for an unused one
+    values: Any  # (N, 8) real, six columns used
 
 
 def upload(device: Device, splats: Splats, precision: Precision) -> DeviceSplats:
-    """Copy splats to the device, relative to an origin near them."""
+    """Copy splats to the device, relative to `near_origin`."""
     real = np.dtype(REAL[precision])
     origin = near_origin(splats.center)
     num = len(splats)
@@ -69,24 +67,26 @@ def upload(device: Device, splats: Splats, precision: Precision) -> DeviceSplats
     rest = center - center.astype(real)
     if rest.any():
         buffers["center_low"] = device.upload(np.ascontiguousarray(rest, real))
-    options = {"CLIP": int(splats.clip is not None), "GLOSS": int(bool({*GLOSS} & splats.attributes.keys()))}
+    options = {"CLIP": int(splats.clip is not None), "GLOSS": int(bool({*PHONG_ATTRIBUTES} & splats.attributes.keys()))}
     if any(options.values()) or splats.normal_du is not None:
         buffers["extra"] = device.upload(_extra(splats, real))
-    channels = tuple(AttributeGroup(names, device.upload(values)) for names, values in _channels(splats, real))
-    return DeviceSplats(**buffers, origin=origin, num_splats=num, stride=stride, options=options, channels=channels)
+    groups = tuple(AttributeGroup(names, device.upload(values)) for names, values in _attribute_groups(splats, real))
+    return DeviceSplats(
+        **buffers, origin=origin, num_splats=num, stride=stride, options=options, attribute_groups=groups
+    )
 
 
 def _extra(splats: Splats, real: np.dtype[Any]) -> NDArray[Any]:
-    """Return a row of SplatExtra for each splat; what the material has stands in the columns of its gloss as NaN."""
+    """Return (N, 14), SplatExtra of each splat; NaN where the material's specular or shininess applies."""
     num = len(splats)
     columns = [np.zeros((num, 6)) if splats.clip is None else splats.clip.reshape(num, 6)]
     columns += [np.zeros((num, 3)) if f is None else f for f in (splats.normal_du, splats.normal_dv)]
-    columns += [splats.attributes.get(name, np.full(num, np.nan))[:, None] for name in GLOSS]
+    columns += [splats.attributes.get(name, np.full(num, np.nan))[:, None] for name in PHONG_ATTRIBUTES]
     return np.hstack(columns).astype(real) if num else np.zeros(14, real)
 
 
-def _channels(splats: Splats, real: np.dtype[Any]) -> Iterator[tuple[tuple[str, ...], NDArray[Any]]]:
-    """Yield the attributes six by six, in rows of eight; specular and shininess come first (kernels/shade.cl)."""
+def _attribute_groups(splats: Splats, real: np.dtype[Any]) -> Iterator[tuple[tuple[str, ...], NDArray[Any]]]:
+    """Yield the names and (N, 8) values of six attributes at a time, in the order of `channel_names`."""
     names = channel_names(splats.attributes)
     for first in range(0, len(names), 6):
         group = tuple(names[first : first + 6])
@@ -98,16 +98,20 @@ def _channels(splats: Splats, real: np.dtype[Any]) -> Iterator[tuple[tuple[str, 
 
 
 def channel_names(attributes: Mapping[str, Any]) -> list[str]:
-    """Return attributes' names in the order of the channels: any gloss first, as two, "" for one that is not there."""
-    names = [name for name in attributes if name not in GLOSS]
-    has_gloss = bool({*GLOSS} & attributes.keys())
-    return [*(name if name in attributes else "" for name in GLOSS if has_gloss), *names]
+    """Return the attributes' names in the order of the channels.
+
+    Specular and shininess come first, where kernels/passes/shade.cl reads them; if only one exists, "" stands for the
+    other.
+    """
+    names = [name for name in attributes if name not in PHONG_ATTRIBUTES]
+    has_any = bool({*PHONG_ATTRIBUTES} & attributes.keys())
+    return [*(name if name in attributes else "" for name in PHONG_ATTRIBUTES if has_any), *names]
 
 
 def near_origin(center: NDArray[Any]) -> NDArray[np.float64]:
-    """Return (3,) the origin to subtract in double: 0 on an axis where float32 loses nothing much without it.
+    """Return the (3,) origin to subtract in float64; 0 on an axis where float32 is precise enough without it.
 
-    It is a float32 number, so that float32 centres lose no bit by the subtraction.
+    The origin is a float32 number, so float32 centers lose no bit by the subtraction.
     """
     if not len(center):
         return np.zeros(3)

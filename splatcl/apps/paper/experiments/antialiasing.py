@@ -15,15 +15,17 @@ from splatcl.scene.camera import Camera
 
 WIDTH, HEIGHT = 256, 192
 RAYS = 16
-"""Along a pixel's side, of the truth; the supersampled truth has as many samples."""
+"""Rays along a pixel's side in the truth, and samples in the supersampled truth."""
 SHEET = {"shader": "albedo", "epsilon": 1e3}
-"""There is one surface only, so that no fragment is behind another one."""
+"""The scene has one surface, so no fragment lies behind another surface."""
 MEANING = (
-    "Aliasing is the root mean square of what is not grey, percent of white, where a pixel is longer than two squares. "
-    f"The truth is the mean of {RAYS}x{RAYS} rays a pixel through the squares themselves; {RAYS}x{RAYS} stands for as "
-    "many samples of the splats, without a filter."
+    "Aliasing is the root mean square difference from gray, in percent of white, where a pixel is longer than two "
+    f"squares. The truth is the mean of {RAYS}x{RAYS} rays a pixel through the squares themselves."
 )
-LOW_PASS = "EWA's low-pass has a deviation of 1 pixel; that of EWA/2 is half as wide, the min filter's Gaussian."
+SAMPLES = f"`PSNR by {RAYS}x{RAYS}` compares with as many samples of the splats, without a filter."
+LOW_PASS = (
+    "EWA's low-pass filter has a standard deviation of 1 pixel. EWA/2 has half of that, as the min filter's Gaussian."
+)
 NARROW = {"method": "zwicker04", "prefilter_radius": 0.5}
 """EWA whose low-pass is the Gaussian of the min filter: its standard deviation is 1 pixel / cutoff."""
 FILTERS: dict[str, dict[str, Any]] = {
@@ -45,9 +47,9 @@ def truth(width: int, height: int) -> NDArray[Any]:
 
 
 def aliasing(image: NDArray[Any], camera: Camera) -> float:
-    """Return the root mean square of what is not grey, percent of white, where pixels are longer than two squares."""
-    grey = (np.array(LIGHT) + DARK) / 2
-    return 100 * float(np.sqrt(np.mean(np.square(image[undersampled(camera)] - grey))))
+    """Return the root mean square difference from gray, percent of white, where pixels are longer than two squares."""
+    gray = (np.array(LIGHT) + DARK) / 2
+    return 100 * float(np.sqrt(np.mean(np.square(image[undersampled(camera)] - gray))))
 
 
 def checkerboards(run: Run) -> Result:
@@ -68,30 +70,32 @@ def checkerboards(run: Run) -> Result:
         figures += [Figure(name, key, value, unit) for key, (value, unit) in one.items() if value is not None]
     quality, error = ({name: one[key][0] for name, one in measured.items()} for key in ("PSNR", "aliasing"))
     figures.append(Figure("truth", "aliasing", aliasing(exact, camera), "%"))
-    notes = (MEANING, LOW_PASS) if measured["none"]["FLIP"][0] is not None else (MEANING, LOW_PASS, metrics.NO_FLIP)
+    notes: tuple[str, ...] = (MEANING, SAMPLES, LOW_PASS)
+    notes += () if measured["none"]["FLIP"][0] is not None else (metrics.NO_FLIP,)
     title = "[BHZK05] Figure 3: a checkerboard at a grazing angle"
     return Result("checkerboards", title, tuple(figures), _claims(quality, error), {"truth": exact} | images, notes)
 
 
 def _claims(quality: dict[str, Any], error: dict[str, Any]) -> tuple[Claim, ...]:
-    """Return what figure 3 is to show, of PSNR in dB and errors at the horizon in percent."""
+    """Return the claims of figure 3, from each filter's PSNR in dB and aliasing in percent."""
     return (
         Claim(
             "Object-space filters alone alias where the surface is minified.",
-            f"Toward the horizon, where pixels are longer than two squares and all should be grey, "
-            f"{error['none']:.1f}% of white are aliasing; with EWA {error['EWA']:.1f}%.",
+            "Toward the horizon pixels are longer than two squares and should be gray: "
+            f"aliasing is {error['none']:.1f}% of white, with EWA {error['EWA']:.1f}%.",
             error["none"] > 2 * error["EWA"],
         ),
         Claim(
             "Supersampling by 2x2 or 3x3 reduces aliasing but does not remove it.",
-            f"{error['2x2']:.1f}% and {error['3x3']:.1f}% are left.",
+            f"Aliasing of {error['2x2']:.1f}% and {error['3x3']:.1f}% remains.",
             error["EWA"] < error["3x3"] < error["2x2"] < error["none"],
         ),
         Claim(
             "The min filter's quality is comparable to EWA's.",
-            f"{quality['min']:.1f} dB, EWA of a low-pass as wide {quality['EWA/2']:.1f} dB, none {quality['none']:.1f} "
-            f"dB; EWA's own, wider low-pass blurs more, {quality['EWA']:.1f} dB. Of aliasing, "
-            f"{error['min']:.1f}%, {error['EWA/2']:.1f}% and {error['none']:.1f}% are left.",
+            f"PSNR is {quality['min']:.1f} dB with min, {quality['EWA/2']:.1f} dB with EWA of the same width, "
+            f"{quality['none']:.1f} dB without a filter. EWA's own wider low-pass filter blurs more: "
+            f"{quality['EWA']:.1f} dB. Aliasing is {error['min']:.1f}%, {error['EWA/2']:.1f}% and "
+            f"{error['none']:.1f}%.",
             abs(quality["min"] - quality["EWA/2"]) < 1 and error["min"] < error["none"] / 2,
         ),
         Claim(
@@ -113,8 +117,8 @@ def screen_filter(run: Run) -> Result:
     error = {name: aliasing(image, camera) for name, image in images.items()}
     claims = (
         Claim(
-            "With the screen-space filter there are no aliasing artifacts.",
-            f"{error['with']:.1f}% of white are aliasing with it, {error['without']:.1f}% without.",
+            "The screen-space filter removes aliasing artifacts.",
+            f"Aliasing is {error['with']:.1f}% of white with it, {error['without']:.1f}% without.",
             error["with"] < error["without"] / 4,
         ),
     )

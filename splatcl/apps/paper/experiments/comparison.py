@@ -1,4 +1,4 @@
-"""The methods beside each other: holes, shading, aliasing and speed, each measured."""
+"""The methods side by side: holes, shading, aliasing and speed, each measured."""
 
 from __future__ import annotations
 
@@ -30,14 +30,15 @@ from splatcl.scene.settings import METHODS, Method, RenderSettings
 from splatcl.scene.splats import Splats
 
 SIZE, COARSE, MANY = 512, 400, 400_000
-"""Pixels, splats of the sphere that is shaded and of the one that is timed."""
+"""Side of the timed image in pixels, and numbers of splats of the shaded and of the timed sphere."""
 FRAMES, MAX_SECONDS = 7, 20.0
 INNER = 0.3
-"""Cosine between normal and view from which the sphere is compared: the silhouette of discs is another matter."""
+"""Least cosine between normal and view at which the sphere is compared. It leaves out the silhouette of the discs."""
 MATERIAL = Material(ambient=0.1, diffuse=0.8, specular=0.5, shininess=24)
 MEANING = (
-    f"Holes: of the near floor of `holes`, no pre-filter. Errors: means over a unit sphere of {COARSE} splats, against "
-    "the sphere itself. PSNR and aliasing: of `checkerboards`. Speed: all passes of a sphere, the methods in turn."
+    "Holes are those of the near floor of `holes`, without pre-filter. Errors are means over a unit sphere of "
+    f"{COARSE} splats, against the sphere itself. PSNR and aliasing are those of `checkerboards`. Speed is that of all "
+    "passes of a sphere, with the methods in turn."
 )
 NAMES: dict[Method, str] = {
     "botsch05": "[BHZK05]",
@@ -62,11 +63,11 @@ def comparison(run: Run) -> Result:
             "PSNR": (quality, "dB"),
             "aliasing": (alias, "%"),
             "speed": (run.number(MANY) / times[method] / 1e6, "Msplats/s"),
-            "time by botsch05's": (times[method] / times["botsch05"], ""),
+            "time / botsch05": (times[method] / times["botsch05"], ""),
         }
         row = f"{method} {NAMES[method]}"
         figures += [Figure(row, name, value, unit) for name, (value, unit) in one.items()]
-    title = "The methods beside each other"
+    title = "The methods side by side"
     return Result("comparison", title, tuple(figures), _claims(measured), notes=(MEANING,))
 
 
@@ -84,7 +85,7 @@ def _claims(measured: dict[Method, Any]) -> tuple[Claim, ...]:
             all((holes[method] == 0) == (method in exact) for method in METHODS),
         ),
         Claim(
-            "Blended normals shade smoothly per pixel, linear normal fields better still; a colour per splat does not.",
+            "Blended normals shade smoothly per pixel, linear normal fields even better; one color per splat does not.",
             "; ".join(f"{method} off by {error:.2g}/255" for method, error in phong.items()) + ".",
             phong["botsch04"] <= phong["botsch05"] < phong["botsch03"],
         ),
@@ -97,31 +98,31 @@ def _claims(measured: dict[Method, Any]) -> tuple[Claim, ...]:
 
 
 def _flat(splats: Splats) -> Splats:
-    """Return splats whose normal field is constant, for the method that wants one."""
+    """Return splats whose normal field is constant, for the method that needs one."""
     zero = np.zeros_like(splats.center)
     return replace(splats, normal_du=zero, normal_dv=zero, on_invalid="error")
 
 
 def _holes(run: Run, method: Method) -> float:
-    """Return the share, percent, of the near floor that is not covered, without any pre-filter."""
+    """Return the uncovered share of the near floor without pre-filter, percent."""
     camera = low_camera(run.pixels(WIDTH), run.pixels(HEIGHT))
     return hole_share(run.render(_flat(touching_floor()), camera, method=method, **BARE).color, on_floor(camera))
 
 
 def _checkerboard(run: Run, method: Method) -> tuple[float, float]:
-    """Return PSNR, dB, and what is left of aliasing, percent of white."""
+    """Return the checkerboard's PSNR, dB, and its aliasing, percent of white."""
     camera = checkerboard_camera(run.pixels(WIDTH), run.pixels(HEIGHT))
     image = run.render(_flat(checkerboard()), camera, method=method, **SHEET).color[..., :3]
     return psnr(image, truth(camera.width, camera.height)), aliasing(image, camera)
 
 
 def shading_errors(run: Run, method: Method) -> tuple[float, float]:
-    """Return how far a coarse sphere's normals, degrees, and its Phong colours, /255, are off on average."""
+    """Return the mean errors of a coarse sphere's normals, degrees, and of its Phong colors, /255."""
     camera = sphere_camera(run.pixels(WIDTH), run.pixels(WIDTH))
     normals, view = sphere_truth(camera)
     colored = sphere(COARSE)
-    grey = painted(colored, np.full_like(colored.color, 0.6))
-    frame = run.render(grey, camera, method=method, material=MATERIAL)
+    gray = painted(colored, np.full_like(colored.color, 0.6))
+    frame = run.render(gray, camera, method=method, material=MATERIAL)
     facing = np.sum(normals * view, axis=-1)
     inner = (facing > INNER) & (frame.color[..., 3] > 0)
     exact = phong_truth(facing[inner])
@@ -132,7 +133,7 @@ def shading_errors(run: Run, method: Method) -> tuple[float, float]:
 
 
 def phong_truth(facing: NDArray[Any]) -> NDArray[Any]:
-    """Return Phong's colour of grey 0.6 under a headlight where the normal's cosine to the eye is `facing`.
+    """Return Phong's color of gray 0.6 under a headlight where the normal's cosine to the eye is `facing`.
 
     The mirrored light's cosine to the eye is 2 facing^2 - 1.
     """
@@ -141,7 +142,7 @@ def phong_truth(facing: NDArray[Any]) -> NDArray[Any]:
 
 
 def _seconds(run: Run) -> dict[Method, float]:
-    """Return the median time of a frame of a sphere of MANY splats, seconds, the methods taking turns."""
+    """Return each method's median time for a frame of a sphere of MANY splats, seconds; the methods take turns."""
     splats = run.renderer.upload(sphere(run.number(MANY)))
     side = run.pixels(SIZE)
     camera = sphere_camera(side, side)

@@ -16,16 +16,16 @@ from splatcl.scene.splats import Splats
 Array = NDArray[Any]
 SIZE = 192
 RATIOS = (0.25, 1.0, 4.0)
-"""Radii of the splat in radii of the pre-filter."""
+"""Radii of the splat, in units of the pre-filter's radius."""
 ASPECT = 1.5
 REACH = 0.45
-"""Half of the larger kernel's width, of the image's side."""
+"""Half width of the larger kernel, in units of the image's side."""
 CUTOFF = 2.0
 LEVELS = (0.25, 0.5, 0.75, 1.0)
-MEANING = "Both low-passes are the same Gaussian; contours are at r = 0.25, 0.5, 0.75 and 1."
+MEANING = "Both low-pass filters are the same Gaussian. Contours are at r = 0.25, 0.5, 0.75 and 1."
 MIN_COLOR, EWA_COLOR = (0.9, 0.35, 0.0), (0.0, 0.2, 0.8)
 DISTANCE = 1e3
-"""Of the splat: all rays are nearly parallel."""
+"""Distance of the splat. All rays are nearly parallel."""
 
 
 def kernels(run: Run) -> Result:
@@ -45,7 +45,7 @@ def kernels(run: Run) -> Result:
     claims = (
         Claim(
             "The minimum of both radii is close to EWA's kernel where the splat is much larger or much smaller than a "
-            "pixel, and differs most where they are alike.",
+            "pixel. It differs most where their sizes are alike.",
             f"EWA's footprint has {small:.2f}, {even:.2f} and {large:.2f} times the area for splats of a quarter, one "
             "and four times the filter's radius.",
             even > max(small, large) and max(small, large) < 1.25,
@@ -56,7 +56,7 @@ def kernels(run: Run) -> Result:
 
 
 def kernel(run: Run, size: int, ratio: float, prefilter: Literal["min", "ewa"]) -> Array:
-    """Return the (H, W) weights of a splat about the middle of the middle pixel, under low-passes of the same width."""
+    """Return the (H, W) weights of a splat centered in the image, under a low-pass filter of the same width each."""
     radius = REACH * size / np.hypot(ASPECT * ratio, 1)
     given = {
         "min": {"prefilter_radius": radius},
@@ -70,9 +70,10 @@ def kernel(run: Run, size: int, ratio: float, prefilter: Literal["min", "ewa"]) 
 
 
 def expected(ratio: float) -> float:
-    """Return the area of EWA's footprint by that of the min filter's, in closed form, radius of the filter 1.
+    """Return the area of EWA's footprint divided by that of the min filter's, in closed form, for filter radius 1.
 
-    The one is the ellipse whose squared axes are sums; the other is the union of an ellipse and the unit disc.
+    EWA's footprint is the ellipse whose squared axes are sums. The min filter's is the union of an ellipse and the
+    unit disc.
     """
     a, b = ASPECT * ratio, ratio
     most = np.pi * np.sqrt((a * a + 1) * (b * b + 1))
@@ -86,10 +87,10 @@ def expected(ratio: float) -> float:
 
 
 def contours(least: Array, most: Array) -> Array:
-    """Return a (H, W, 3) picture of the contours of two kernels at the radii LEVELS."""
+    """Return an (H, W, 3) picture of the contours of two kernels at the radii LEVELS."""
     picture = np.ones((*least.shape, 3))
     for weight, color in ((most, EWA_COLOR), (least, MIN_COLOR)):
-        # Where the weight is 0 the fragment is outside: r is above 1.
+        # A weight of 0 means that the fragment is outside, with r above 1.
         with np.errstate(divide="ignore"):
             radius = np.sqrt(-2 * np.log(weight / weight.max())) / CUTOFF
         for level in LEVELS:

@@ -1,4 +1,4 @@
-"""Fragments for each pixel ([BHZK05] Table 1): what deferred shading saves and the pre-filter costs."""
+"""Fragments for each pixel ([BHZK05] Table 1): the gain of deferred shading and the cost of the pre-filter."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from splatcl.apps.sample_scenes import frame_camera, resampled
 
 SIZE = 512
 SIZES = (10_000, 30_571, 120_000, 480_000)
-"""Splats; the second is the bundled scan as it is."""
-MEANING = "Fragments are those that are accumulated; saved are all but one of a pixel, with the pre-filter."
+"""Numbers of splats. The second is that of the bundled scan."""
+MEANING = "Only accumulated fragments count. Saved evaluations are all but one of each pixel, with the pre-filter."
 FILTERS = {"without pre-filter": "none", "with it": "min"}
 
 
 def overdraw(run: Run) -> Result:
-    """Count the fragments that are accumulated, for the bundled scan in several numbers of splats."""
+    """Count the accumulated fragments of the bundled scan, for several numbers of splats."""
     whole, notes = scan()
     side = run.pixels(SIZE)
     figures, per_pixel = [], []
@@ -34,14 +34,15 @@ def overdraw(run: Run) -> Result:
     growth = [one["with it"] / one["without pre-filter"] for one in per_pixel]
     claims = (
         Claim(
-            "Deferred shading avoids most lighting: each pixel is lit once, and not each fragment.",
-            f"{least:.1f} to {max(one['with it'] for one in per_pixel):.1f} fragments fall on a covered pixel, so "
-            f"that {100 - 100 / least:.0f}% or more of the evaluations are saved.",
+            "Deferred shading avoids most lighting, because it lights each pixel once instead of each fragment.",
+            f"A covered pixel gets {least:.1f} to {max(one['with it'] for one in per_pixel):.1f} fragments, so at "
+            f"least {100 - 100 / least:.0f}% of the evaluations are saved.",
             bool(least > 1.5),
         ),
         Claim(
             "The pre-filter adds fragments as splats become as small as pixels.",
-            f"It multiplies fragments by {growth[0]:.2f} for the largest splats and {growth[-1]:.2f} for the smallest.",
+            f"It multiplies the fragments by {growth[0]:.2f} for the largest splats and by {growth[-1]:.2f} for the "
+            "smallest.",
             bool(growth[-1] > growth[0] >= 1),
         ),
     )

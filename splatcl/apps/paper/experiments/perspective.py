@@ -14,21 +14,21 @@ from splatcl.scene.splats import Splats
 
 WIDTH, HEIGHT = 256, 192
 TILT, RADIUS = 70.0, 0.7
-"""Of the single disc: degrees, and scene units at a distance of 1."""
+"""Tilt of the single disc, degrees, and its radius in scene units at a distance of 1."""
 OUTLINES: dict[str, dict[str, Any]] = {
     "affine": {"method": "zwicker01"},
     "conic": {"method": "zwicker04"},
     "ray cast": {"method": "botsch05"},
 }
 MEANING = (
-    "Wrong pixels of one tilted disc are given by its area. Conics through the eye plane are no ellipses, and are left "
-    "out."
+    "The error of one tilted disc is its wrong pixels divided by its area. A disc through the eye plane has no conic "
+    "that is an ellipse, and is left out."
 )
 BARE = {"prefilter": "none", "shader": "albedo"}
 
 
 def holes(run: Run) -> Result:
-    """Draw a floor of discs that just touch, close to the eye, and a single tilted disc, by each outline."""
+    """Draw a floor of touching discs close to the eye, and a single tilted disc, with each outline."""
     floor, camera = touching_floor(), low_camera(run.pixels(WIDTH), run.pixels(HEIGHT))
     inside = on_floor(camera)
     one, lens = tilted_disc(), Camera.look_at((0, 0, 0), (0, 0, -1), width=camera.width, height=camera.width, fov_y=100)
@@ -44,7 +44,7 @@ def holes(run: Run) -> Result:
         figures.append(Figure(name, "uncovered floor", open_share[name], "%"))
         through = hole_share(run.render(floor, low, **BARE, **given).color, on_floor(low))
         figures.append(Figure(name, "with discs through the eye plane", through, "%"))
-        figures.append(Figure(name, "wrong of one disc", shape_error[name], "%"))
+        figures.append(Figure(name, "wrong pixels of one disc", shape_error[name], "%"))
         discs[f"disc, {name}"] = np.stack([exact, disc, disc], axis=-1).astype(float)
     claims = (
         Claim(
@@ -53,7 +53,7 @@ def holes(run: Run) -> Result:
             open_share["affine"] > 0,
         ),
         Claim(
-            "Projected exactly, as conics, the splats close the surface.",
+            "Splats that are projected exactly, as conics, close the surface.",
             f"{open_share['conic']:.2f}% uncovered; {shape_error['conic']:.2g}% of a tilted disc's pixels are wrong, "
             f"against {shape_error['affine']:.2g}%.",
             not open_share["conic"] and shape_error["conic"] < shape_error["affine"] / 10,
@@ -69,7 +69,7 @@ def holes(run: Run) -> Result:
 
 
 def hole_share(color: NDArray[Any], inside: NDArray[Any]) -> float:
-    """Return the share, percent, of the pixels `inside` that nothing covers."""
+    """Return the uncovered share of the pixels `inside`, percent."""
     return 100 * float(np.mean(color[inside][:, 3] == 0))
 
 

@@ -22,9 +22,9 @@ SHADERS: dict[str, dict[str, Any]] = {
 }
 GBUFFER = ("Z", "N", "P", "albedo", "weight", "count", "particleid")
 MOST_TONES = 6
-"""Of NPR's picture of one colour: four tones, the lines, and one to spare."""
+"""Maximum number of tones in NPR's picture of one color: four tones, the lines, and one to spare."""
 FLOOR_DISCS = 60
-"""Along a side of what the scan stands on."""
+"""Discs along a side of the floor below the scan."""
 
 
 def shaders(run: Run) -> Result:
@@ -43,24 +43,24 @@ def shaders(run: Run) -> Result:
     same = all(np.array_equal(frame[aov], plain[aov]) for frame in frames.values() for aov in GBUFFER)
     claims = (
         Claim(
-            "Deferred shading separates shading from rasterization, so that custom shaders are simple.",
-            f"Depth, normals, positions, albedo, weights, counts and ids are {'' if same else 'not '}the same bits "
-            f"under {len(SHADERS)} shaders.",
+            "Deferred shading separates shading from rasterization, so custom shaders are simple.",
+            f"Depth, normals, positions, albedo, weights, counts and ids {'have' if same else 'do not have'} "
+            f"the same bits under {len(SHADERS)} shaders.",
             same,
         ),
         Claim(
-            "Shaders may be anything that a pixel's attributes allow, such as non-photorealistic ones.",
+            "A shader may use all attributes of a pixel, for non-photorealistic images as well.",
             f"NPR draws {tones['NPR']} tones where Phong draws {tones['Phong']}.",
             1 < tones["NPR"] <= MOST_TONES < tones["Phong"],
         ),
-        Claim("Shadow maps work on splats.", f"{darker:.0f}% of the pixels lie in a shadow.", 1 < darker < 50),
+        Claim("Shadow maps work on splats.", f"{darker:.0f}% of the pixels lie in shadow.", 1 < darker < 50),
     )
     title = "[BHZK05] Figure 5: shaders"
     return Result("shaders", title, tuple(figures), claims, {n: f.color for n, f in frames.items()}, notes)
 
 
 def standing(splats: Splats) -> Splats:
-    """Return the splats, of their first colour, on a square floor twice as wide as they are."""
+    """Return the splats in their first color on a square floor twice as wide as they are."""
     low, high = splats.bounds
     middle, half = (low + high) / 2, (high - low)[::2].max()
     along = half * (2 * (np.arange(FLOOR_DISCS) + 0.5) / FLOOR_DISCS - 1)

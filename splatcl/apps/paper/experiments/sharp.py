@@ -19,11 +19,11 @@ EYE = (1.6, 1.3, 2.1)
 FACES = {"prefilter": "none", "epsilon": 1e-3}
 CSG_SPACING = 0.06
 NEAR_SURFACE = 0.02
-"""Scene units: how far from the solid's surface a pixel's place may be."""
+"""Largest distance of a pixel's position from the solid's surface, scene units."""
 
 
 def sharp_features(run: Run) -> Result:
-    """Draw a cube of 24 splats and a box less a ball, with their clip lines and without."""
+    """Draw a cube of 24 splats, and a box minus a ball, with and without their clip lines."""
     camera = Camera.look_at(EYE, (0, 0, 0), width=run.pixels(SIZE), height=run.pixels(SIZE), fov_y=45)
     cube, solid = features.cube(), features.box((0, 0, 0), (1, 1, 1)) - features.sphere((0.3, 0.3, 0.5), 0.45)
     truth = cube_truth(camera)
@@ -36,18 +36,18 @@ def sharp_features(run: Run) -> Result:
         images[f"cube, {name}"] = frame.color
         frame = run.render(_splats(carved, strip), camera, prefilter="none")
         astray[name] = 100 * _off_surface(solid, frame["Z"], camera)
-        figures.append(Figure(f"box less ball, {name}", "pixels off the surface", astray[name], "%"))
-        images[f"box less ball, {name}"] = frame.color
+        figures.append(Figure(f"box minus ball, {name}", "pixels off the surface", astray[name], "%"))
+        images[f"box minus ball, {name}"] = frame.color
     claims = (
         Claim(
-            "Clip lines give sharp edges and corners: a cube needs a few splats only.",
-            f"Of {len(cube)} splats, {wrong['clipped']:.2g}% of the silhouette's pixels are wrong; "
+            "Clip lines give sharp edges and corners. A cube needs only a few splats.",
+            f"With {len(cube)} splats, {wrong['clipped']:.2g}% of the silhouette's pixels are wrong; "
             f"{wrong['whole discs']:.0f}% without clip lines.",
             wrong["clipped"] < 0.5 and wrong["clipped"] < wrong["whole discs"] / 10,
         ),
         Claim(
-            "They show solids of constructive geometry.",
-            f"{astray['clipped']:.2g}% of the pixels are off the surface of a box less a ball by more than "
+            "Clip lines render solids of constructive geometry.",
+            f"{astray['clipped']:.2g}% of the pixels are off the surface of a box minus a ball by more than "
             f"{NEAR_SURFACE:g} of its side; {astray['whole discs']:.2g}% without clip lines.",
             astray["clipped"] < 1 and astray["clipped"] < astray["whole discs"] / 4,
         ),
@@ -70,9 +70,9 @@ def cube_truth(camera: Camera) -> NDArray[Any]:
 
 
 def _off_surface(solid: features.Solid, z: NDArray[Any], camera: Camera) -> float:
-    """Return the share of the covered pixels whose place, at the depth `z`, (H, W), is far from the solid's surface.
+    """Return the share of the covered pixels whose position at the (H, W) depth `z` is far from the solid's surface.
 
-    It is near where, of the places one step along or against an axis, some are inside of the solid and some are not.
+    A position is near the surface if one step along or against some axis leads inside the solid and another outside.
     """
     covered = np.isfinite(z)
     origin, direction = rays(camera)

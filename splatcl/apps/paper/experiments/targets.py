@@ -1,4 +1,4 @@
-"""What 8 and 16 bits cost: formats of render targets ([BHZK05] figure 2) and of the splats (its section 6)."""
+"""Errors of 8 and 16 bits: formats of render targets ([BHZK05] figure 2) and of the splats (its section 6)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STEP = 1 / 255
 """A level of an 8-bit display."""
 TARGETS = {"unorm8": 1.0, "float16": 65504.0, "float32": float(np.finfo(np.float32).max)}
 """Formats of the sums, and the largest number of each."""
-MEANING = "Errors are those of colours and normals after the sums are divided, against float32."
+MEANING = "Errors are those of colors and normals after the division by the weights, against float32."
 VISIBLE = 40.0
 """PSNR, dB, above which two pictures look the same."""
 
@@ -47,15 +47,15 @@ def targets(run: Run) -> Result:
     low, half = measured["unorm8"], measured["float16"]
     claims = (
         Claim(
-            "Where splats are summed up in 8 bits a channel, sums overflow and colours and shading show bands.",
-            f"{low['saturated pixels']:.0f}% of the pixels saturate, {low['different weights']:.0f} sums of weights "
-            f"are left of {measured['float32']['different weights']:.0f}, colours are off by up to "
+            "Sums in 8 bits a channel overflow, and colors and shading show bands.",
+            f"{low['saturated pixels']:.0f}% of the pixels saturate, {low['different weights']:.0f} of "
+            f"{measured['float32']['different weights']:.0f} different weights remain, colors are off by up to "
             f"{low['largest error']:.0f}/255, normals by {low['mean error of normals']:.2g} degrees on average.",
             low["saturated pixels"] > 1 and low["largest error"] > 8,
         ),
         Claim(
             "Floating-point targets of 16 bits avoid this.",
-            f"No colour is off by more than {half['largest error']:.2g}/255 from 32 bits; "
+            f"No color is off by more than {half['largest error']:.2g}/255 from 32 bits; "
             f"{half['saturated pixels']:.0f}% of the pixels saturate.",
             half["largest error"] < 1 and not half["saturated pixels"],
         ),
@@ -65,7 +65,7 @@ def targets(run: Run) -> Result:
 
 
 def half_inputs(run: Run) -> Result:
-    """Round the splats' centres and normals to 16 bits."""
+    """Round the splats' centers and normals to 16 bits."""
     splats, notes = scan()
     splats = ramp(splats)
     camera = frame_camera(splats, run.pixels(SIZE), run.pixels(SIZE))
@@ -74,8 +74,8 @@ def half_inputs(run: Run) -> Result:
     size = 2 * splats.bounding_sphere[1]
     figures: list[Figure] = []
     errors: dict[str, tuple[Any, float, str]] = {
-        "colour": (np.abs(half.color - full.color)[both][:, :3], 1 / STEP, "/255"),
-        "depth": (np.abs(half["Z"].astype(np.float64) - full["Z"])[both], 100 / size, "% of the model"),
+        "color": (np.abs(half.color - full.color)[both][:, :3], 1 / STEP, "/255"),
+        "depth": (np.abs(half["Z"][both].astype(np.float64) - full["Z"][both]), 100 / size, "% of the model"),
         "normal": (angles(half["N"][both], full["N"][both]), 1.0, "degrees"),
     }
     for name, (error, scale, unit) in errors.items():
@@ -86,12 +86,12 @@ def half_inputs(run: Run) -> Result:
     figures += [Figure("picture", "PSNR", quality, "dB"), Figure("picture", "pixels gained or lost", changed, "%")]
     claims = (
         Claim(
-            "Centres and normals may be given in 16 bits without a visible loss.",
-            f"PSNR {quality:.1f} dB; colours change by {figures[1]} on average, normals by {figures[5]}.",
+            "Centers and normals may be stored in 16 bits without a visible loss.",
+            f"PSNR {quality:.1f} dB; colors change by {figures[1]} on average, normals by {figures[5]}.",
             quality >= VISIBLE,
         ),
     )
     apart = np.where(both[..., None], 16 * np.abs(half.color - full.color)[..., :3], 0)
     images: dict[str, Frame | NDArray[Any]] = {"32 bits": full, "16 bits": half, "difference x 16": apart}
-    title = "[BHZK05] Section 6: centres and normals of 16 bits"
+    title = "[BHZK05] Section 6: centers and normals of 16 bits"
     return Result("half_inputs", title, tuple(figures), claims, images, notes)
