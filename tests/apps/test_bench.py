@@ -1,4 +1,4 @@
-"""``splatcl bench``: what it prints and writes, skips and refuses. No test looks at a time's size."""
+"""``splatcl bench``: its output and files, and the rows that it skips or refuses. No test reads the size of a time."""
 
 from __future__ import annotations
 
