@@ -19,7 +19,7 @@ CASES = [("single", 1), ("single", 8), ("double", 4)]
 
 
 def wrong_cases(device, precision, lanes, a, b):
-    """Return the pairs whose quotient, or root of `a`, is not NumPy's; skip those with a subnormal result or operand."""
+    """Return the pairs whose quotient, or root of `a`, is not NumPy's; skip any subnormal result or operand."""
     if precision == "double" and device.info.supports["double"] == "no":
         pytest.skip("the device has no double precision")
     abcd = np.stack([a, b, a, b]).astype(REALS[precision])
