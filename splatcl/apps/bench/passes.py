@@ -107,7 +107,7 @@ class FramePasses:
             num_pixels=context.num_pixels,
             plane_bytes=9 * real,
             touched_bytes=dtypes["TouchedQuarters"].itemsize,
-            entry_bytes=4 * len(context.layers),  # the id; and the clue where there are layers
+            entry_bytes=4 * len(context.layers),  # the id, and with layers the occlusion key
             splat_bytes=dtypes["Splat"].itemsize + low_words * real,
             record_bytes=dtypes["ProjectedSplat"].itemsize,
             attribute_bytes=dtypes["SplatAttributes"].itemsize,
