@@ -203,7 +203,7 @@ def test_a_fragment_too_many_is_seen(renderer, monkeypatch):
     assert failures(frame) == ["fragments", "repetition"]
 
 
-def test_a_colour_off_by_one_bit_is_seen(renderer, monkeypatch):
+def test_a_color_off_by_one_bit_is_seen(renderer, monkeypatch):
     frame = renderer.render(scene("sphere"), *VIEW)
 
     def next_number(args, result):
