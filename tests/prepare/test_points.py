@@ -220,7 +220,7 @@ def test_note_names_what_was_estimated():
         ({"points": np.nan}, "1 with a non-finite coordinate"),
         ({"points": 1e16}, "1 with a coordinate beyond 1e15"),
         ({"normals": 0.0}, "1 with a zero or non-finite normal"),
-        ({"color": np.inf}, "1 with a non-finite colour"),
+        ({"color": np.inf}, "1 with a non-finite color"),
         ({"radius": 0.0}, "1 with a radius that is not positive"),
     ],
 )

@@ -1,4 +1,4 @@
-"""Guard against slower passes: compare times, in units of a calibration kernel's, with stored ones (bench.md).
+"""Guard against slower passes: compare times, in a calibration kernel's units, with stored ones (docs/speed/bench.md).
 
 ``python -m splatcl.apps.bench.guard FILE`` compares with the ratios stored in FILE; ``--update`` rewrites them. Exit
 status: 0 no ratio is much larger than its stored value, 1 one is, 2 wrong arguments.
