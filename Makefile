@@ -29,10 +29,11 @@ test-slow: $(VENV)/installed-test ## pass the slow tests, or a third of them: ma
 
 test-all: test test-slow ## pass all tests
 
-lint: $(VENV)/installed-test ## run ruff and mypy
+lint: $(VENV)/installed-test ## run ruff, mypy and the check that imports go down
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports
 
 format: $(VENV)/installed-test ## let ruff fix and format the code
 	$(BIN)/ruff check --fix .
@@ -42,20 +43,20 @@ reference-images: $(VENV)/installed-test ## render the reference images again an
 	$(BIN)/python reference_images/regenerate.py
 
 golden: $(VENV)/installed-test ## write the hashes of the golden images again, after a wanted change of bits
-	$(BIN)/python -m splatcl.golden
+	$(BIN)/python -m splatcl.evidence.golden.check
 
-runtimes: $(VENV)/installed-test ## check the golden images on five OpenCL runtimes; write docs/reproducibility.md
-	VENV=$(VENV) .ci/runtimes docs/reproducibility.md
+runtimes: $(VENV)/installed-test ## check the golden images on five OpenCL runtimes; write docs/trust/reproducibility.md
+	VENV=$(VENV) .ci/runtimes docs/trust/reproducibility.md
 
-contact-sheet: $(VENV)/installed-test ## render a folder's models to docs/contact_sheet.png: MODELS=path
-	$(BIN)/python docs/contact_sheet.py $(MODELS)
+contact-sheet: $(VENV)/installed-test ## render a folder's models to docs/images/contact_sheet.png: MODELS=path
+	$(BIN)/python docs/images/contact_sheet.py $(MODELS)
 
-# Takes about a minute, on a machine that does nothing else (docs/bench.md).
+# Takes about a minute, on a machine that does nothing else (docs/speed/bench.md).
 bench-check: $(VENV)/installed-test ## compare each pass's time with the stored one
-	$(BIN)/python -m splatcl.bench.guard docs/bench_ratios.json
+	$(BIN)/python -m splatcl.apps.bench.guard docs/speed/bench_ratios.json
 
 bench-check-update: $(VENV)/installed-test ## store the passes' times, after a wanted change of speed
-	$(BIN)/python -m splatcl.bench.guard docs/bench_ratios.json --update
+	$(BIN)/python -m splatcl.apps.bench.guard docs/speed/bench_ratios.json --update
 
 $(VENV)/installed: pyproject.toml
 	@echo "Installing splatcl into $(VENV) (about a minute) ..."

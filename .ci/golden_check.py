@@ -1,23 +1,26 @@
-"""The golden images on one runtime, and the table of several runtimes; .ci/runtimes calls both.
+"""Check the golden images on one runtime, and write the table of several runtimes. .ci/runtimes calls both.
 
-``check FILE [--tiny]`` renders every scene (the tiny ones) in several ways of working, writes FILE as JSON and
-exits 1 where a hash differs. ``seed NAME`` renders under kernels with one error put in on purpose, which Oclgrind
-must report: it exits 0 either way. ``table PAGE FILE ...`` prints Markdown, puts it at the end of PAGE (if that is
-not empty) and exits 1 where a hash differs.
+``check FILE [--tiny]`` renders every scene, or only the tiny ones, in several ways of working. It writes FILE as JSON
+and exits 1 if a hash differs. ``seed NAME`` renders one scene with a deliberate error in the kernels, which Oclgrind
+must report; it always exits 0. ``table PAGE FILE ...`` prints Markdown and writes it to the end of PAGE, unless that is
+empty. It exits 1 if a hash differs between the runtimes.
 """
 
 from __future__ import annotations
 
 import json
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pyopencl
 
-from splatcl import Renderer, device, golden, pipeline, program
+from splatcl import Renderer
 from splatcl.errors import DeviceError
+from splatcl.evidence.golden import check as golden
+from splatcl.opencl.device import program
+from splatcl.opencl.device.devices import choose_device
+from splatcl.opencl.passes import bin as bin_pass
 
 WAYS: tuple[dict[str, Any], ...] = (
     {},
@@ -27,7 +30,7 @@ WAYS: tuple[dict[str, Any], ...] = (
 )
 TINY_WAYS: tuple[dict[str, Any], ...] = ({"tile_size": 8}, {"mapping": "pixel", "tile_size": 8}, {"lanes": 1})
 MEASURED = "<!-- .ci/runtimes writes the rest -->\n\n"
-SEEDED = {  # what Oclgrind must report: the kernels' text, and the error in its place
+SEEDED = {  # by the report that Oclgrind must give: correct kernel text and its faulty replacement
     "Invalid write": ("if (x >= width || y >= height) continue;", "if (x >= width || y > height) continue;"),
     "Invalid read": ("splats + ids[entry[lane]]", "splats + ids[entry[lane] + 4096]"),
     "data race": ("count[q] = ", "count[0] = "),
@@ -36,8 +39,8 @@ SEEDED = {  # what Oclgrind must report: the kernels' text, and the error in its
 
 
 def main(command: str, *arguments: str) -> int:
-    """Run a command; return the exit status."""
-    pipeline.MIN_CHUNK = pipeline.PLANE_PAD  # several chunks of the few splats
+    """Run a command and return the exit status."""
+    bin_pass.MIN_CHUNK = bin_pass.PLANE_PAD  # so that even these few splats fill several chunks
     if command == "seed" or "--tiny" in arguments:
         keep_buffers()
     if command == "check":
@@ -53,7 +56,11 @@ def main(command: str, *arguments: str) -> int:
 
 
 def keep_buffers() -> None:
-    """Free no buffer: Oclgrind 21.10 takes a new one for uninitialised past the end of a freed one of its number."""
+    """Keep every buffer alive.
+
+    Oclgrind 21.10 numbers buffers. Where a smaller buffer of the same number was freed, it reports the new one as
+    uninitialized past the end of the old one.
+    """
     real, kept = pyopencl.Buffer, []
 
     def buffer(*args: Any, **kwargs: Any) -> Any:
@@ -64,27 +71,27 @@ def keep_buffers() -> None:
 
 
 def check(file: Path, ways: tuple[dict[str, Any], ...], tiny: bool) -> int:
-    """Check the hashes in every way of working; write those of the first, the device and the time."""
-    start, failures, done = time.monotonic(), 0, []
+    """Check the hashes in every way of working; write those of the first way, and the device, to `file`."""
+    failures, done = 0, []
     for way in ways:
         lanes = way.get("lanes", 1)
-        if lanes > 8 and "rusticl" in device.choose_device().platform.lower():
-            print(f"{way}: not tried: rusticl compiles the visibility pass for more than ten minutes")
+        if lanes > 8 and "rusticl" in choose_device().platform.lower():
+            print(f"{way}: not tried: rusticl takes more than ten minutes to compile the visibility pass")
             continue
         try:
             renderer = Renderer(**way)
         except DeviceError as error:
             print(f"{way}: not on this runtime: {error}")
             continue
-        some = tiny or lanes == 4  # a minute to compile for each few scenes
+        some = tiny or lanes == 4  # compiling takes a minute for every few scenes
         scenes = [s for s in golden.renderable(renderer) if s.tiny or not some]
-        # In further ways those whose programs many scenes share; tests/test_golden.py takes others on PoCL.
+        # Further ways render the scenes that share programs; tests/whole/test_golden.py has the rest on PoCL.
         names = [s.name for s in scenes if s.plain or way == ways[0]]
         mismatches = golden.check(renderer, names)
         print(*mismatches, f"{way}: {len(names)} scenes, {len(mismatches)} AOVs differ", sep="\n", flush=True)
         failures += len(mismatches) + explain(renderer, names[0])
         done.append(way)
-    renderer, info = Renderer(**ways[0]), device.choose_device()
+    renderer, info = Renderer(**ways[0]), choose_device()
     result = {
         "version": f"{info.version.strip()}; {info.name}, driver {info.handle.driver_version}",
         "ways": done,
@@ -93,14 +100,13 @@ def check(file: Path, ways: tuple[dict[str, Any], ...], tiny: bool) -> int:
             for s in golden.renderable(renderer)
             if s.tiny or not tiny
         },
-        "seconds": time.monotonic() - start,
     }
     file.write_text(json.dumps(result))
     return int(failures > 0)
 
 
 def explain(renderer: Renderer, name: str) -> int:
-    """Probe the middle pixel of a scene and account for all of it: the other kernels run too. Return the failures."""
+    """Run the kernels of `Frame.probe` and `Frame.check` on a scene; return the number of failed checks."""
     scene = next(s for s in golden.scenes() if s.name == name)
     frame = renderer.render(scene.splats, scene.camera, scene.settings)
     frame.probe(frame.width // 2, frame.height // 2)
@@ -110,7 +116,7 @@ def explain(renderer: Renderer, name: str) -> int:
 
 
 def seed(error: str) -> int:
-    """Render a scene under kernels with `error` in them."""
+    """Render a scene with `error` in the kernels."""
     real, (good, bad) = program.inline_source, SEEDED[error]
     program.inline_source = lambda *a: real(*a).replace(good, bad)
     scene = next(s for s in golden.scenes() if s.tiny)
@@ -119,11 +125,11 @@ def seed(error: str) -> int:
 
 
 def table(files: list[Path]) -> tuple[str, int]:
-    """Return the devices, and scene by runtime the first digits of each hash; and how many scenes differ."""
+    """Return the two Markdown tables, of runtimes and of hashes, and the number of scenes that differ."""
     runtimes = {file.stem: json.loads(file.read_text()) for file in files}
-    rows = [["runtime", "version", "ways of working", "scenes", "seconds"], ["---"] * 5]
+    rows = [["runtime", "version", "ways of working", "scenes"], ["---"] * 4]
     for name, result in runtimes.items():
-        rows.append([name, result["version"], len(result["ways"]), len(result["hashes"]), round(result["seconds"])])
+        rows.append([name, result["version"], len(result["ways"]), len(result["hashes"])])
     rows += [[], ["scene", *runtimes], ["---"] * (1 + len(runtimes))]
     failures = 0
     for scene in golden.scenes():

@@ -1,4 +1,4 @@
-"""Compare a rendered scene with the float64 oracle: equal decisions outside its margin, and close values."""
+"""Compare a rendered scene with the float64 oracle: decisions are equal outside its margin, and values close."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ MARGIN_UNITS = {"single": 32.0, "double": 32.0 * 2.0**-29}
 """Pixels with a smaller margin are masked: rounding may flip their decisions (tests/tolerances.py)."""
 
 ALLOWED = {"depth": 2e-6, "albedo": 1e-5, "normal": 1e-5, "color": 5e-5}
-"""Largest errors: depth relative, the others absolute; colour has Phong's power in it."""
+"""Largest errors, relative for depth, absolute for the others. Phong's power amplifies those of color."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """How a frame differs from the oracle.
+    """The differences of a frame from the oracle.
 
     Parameters
     ----------
     covered, masked : int
-        Pixels that a splat covers; those of them with a margin too small to compare.
+        Number of pixels that a splat covers, and of those with a margin too small to compare.
     errors : dict of str to float
-        The largest of each kind of `ALLOWED` over the pixels that are compared.
+        Largest error of each kind of `ALLOWED` over the compared pixels.
     problems : tuple of str
-        What is wrong; empty where they agree.
+        Differences beyond the bounds; empty if frame and oracle agree.
     """
 
     covered: int
@@ -38,7 +38,7 @@ class Comparison:
     problems: tuple[str, ...]
 
     def record(self) -> dict[str, Any]:
-        """Return what NAME.json keeps."""
+        """Return the entry of NAME.json."""
         return {"covered": self.covered, "masked": self.masked} | {k: float(f"{e:.2g}") for k, e in self.errors.items()}
 
     def __str__(self) -> str:
@@ -75,6 +75,6 @@ def compare(scene: Scene, frame: Frame) -> Comparison:
 
 
 def _largest(got: NDArray[Any], want: NDArray[Any], where: NDArray[np.bool_], relative: bool = False) -> float:
-    """Return the largest error over the pixels `where`; NaN if any is NaN."""
+    """Return the largest error over the pixels `where`, or NaN if any error is NaN."""
     error = np.abs(got[where] - want[where])
     return float((error / np.abs(want[where]) if relative else error).max(initial=0.0))

@@ -1,6 +1,6 @@
-"""The scenes of the reference images, built from code: each pins something that docs/specification.md says.
+"""Build the scenes of the reference images. Each pins a rule of docs/specification.md.
 
-`SCENES` names the builders. Colours are linear RGB; numbers are rounded to float32 unless a scene says otherwise.
+`SCENES` names the builders. Colors are linear RGB. Numbers are rounded to float32 unless a scene says otherwise.
 """
 
 from __future__ import annotations
@@ -13,21 +13,21 @@ from scene_files import Scene
 from scene_shapes import discs, fibonacci_sphere, grid, hue, splats, unit
 
 from splatcl import Camera, Light, Material, RenderSettings, Splats, read
-from splatcl.estimate import splats_from_points
+from splatcl.prepare.points import splats_from_points
 
 SCAN = Path(__file__).parent / "scans" / "bunny.pts"
 KEEP_EVERY = 8
-"""Of the scan's 30 571 points."""
+"""Step through the scan's 30 571 points."""
 
 GOLD, BLUE, CREAM, TEAL, WHITE = (0.9, 0.55, 0.08), (0.03, 0.12, 0.75), (0.85, 0.78, 0.6), (0.0, 0.16, 0.2), (0.9,) * 3
 ALBEDO = {"shader": "albedo"}
 
 
 def facing_disc() -> Scene:
-    """Centre and rim on pixel centres: z = 2, 20 pixels of radius, every number a short binary fraction."""
+    """Put center and rim on pixel centers: z = 2, a radius of 20 pixels, every number a short binary fraction."""
     return Scene(
-        "One facing disc of 20 pixels' radius about a pixel centre, lit by a point light: the rim belongs to the "
-        "splat, so it covers 1257 pixels, twelve of them exactly on the rim, and its weight falls from 1 to e^-2.",
+        "One facing disc of 20 pixels' radius about a pixel center, lit by a point light. The rim belongs to the "
+        "splat, so it covers 1257 pixels, twelve of them exactly on the rim. Its weight falls from 1 to e^-2.",
         splats([[0, 0, 2]], [[0.625, 0, 0]], [[0, -0.625, 0]], GOLD),
         Camera(np.eye(4), 64, 64, 32.5, 32.5, 64, 64),
         RenderSettings(epsilon=0, lights=(Light("point", (0.5, -0.5, 1.5)),), material=Material(0.1, 0.9, 0.2, 16)),
@@ -40,9 +40,9 @@ def checkerboard() -> Scene:
     center = np.stack([x, 0 * x, z], axis=1)
     dark = (np.floor(x / 0.5) + np.floor(z / 0.5)) % 2 == 1
     return Scene(
-        "A floor of overlapping discs with the colours of a checkerboard: weights blend colours only at the "
-        "squares' edges, perspective is exact per pixel, and the pre-filter keeps the far discs, which are "
-        "smaller than a pixel.",
+        "A floor of overlapping discs with the colors of a checkerboard. Weights blend colors only at the squares' "
+        "edges, perspective is exact per pixel, and the pre-filter keeps the far discs, which are smaller than a "
+        "pixel.",
         discs(center, [[0, 1, 0]], 0.1, np.where(dark[:, None], TEAL, CREAM)),
         Camera.look_at((0.6, 0.9, 3.0), (0.1, 0, 0), width=88, height=56, fov_y=40),
         RenderSettings(epsilon=0.125, **ALBEDO),
@@ -50,14 +50,14 @@ def checkerboard() -> Scene:
 
 
 def epsilon_layers() -> Scene:
-    """Hang a gold sheet at z = 4, epsilon 1/4, and five blue discs behind it, the middle one exactly at the limit."""
+    """Hang a gold sheet at z = 4, and five blue discs behind it; epsilon, 1/4, reaches exactly to the middle disc."""
     behind = 0.25 * np.array([0.5, 1 - 2**-8, 1, 1 + 2**-8, 1.5])
     blue = np.stack([np.linspace(-1.7, 1.7, 5), np.full(5, 0.2), 4 + behind], axis=1)
     x, y = grid(np.arange(-2.25, 2.3, 0.25), np.arange(-2.0, 0.1, 0.25))
     gold = np.stack([x, y, np.full(len(x), 4)], axis=1)
     return Scene(
-        "A gold sheet, and behind it blue discs by 1/2, 255/256, 1, 257/256 and 3/2 epsilon: the first three "
-        "blend with it (the limit is inclusive), the others show only below it.",
+        "A gold sheet, and blue discs behind it at 1/2, 255/256, 1, 257/256 and 3/2 epsilon. The first three blend "
+        "with it, because the limit is inclusive. The other two show only below it.",
         discs(
             np.concatenate([gold, blue]),
             [[0, 0, -1]],
@@ -70,12 +70,12 @@ def epsilon_layers() -> Scene:
 
 
 def epsilon_along_ray() -> Scene:
-    """Two sheets 0.8 epsilon apart, seen with a wide angle."""
+    """Hang two sheets 0.8 epsilon apart before a wide-angle camera."""
     x, y = grid(np.arange(-1.5, 1.6, 0.25), np.arange(-1.5, 1.6, 0.25))
     gold, blue = (np.stack([x, y, np.full(len(x), z)], axis=1) for z in (1.0, 1.2))
     return Scene(
-        "Two sheets 0.8 epsilon apart along z under a wide angle, with epsilon along the ray: the blue one behind"
-        " blends only where the rays are steep enough, |d| <= 1.25, inside a circle of 24 pixels' radius.",
+        "Two sheets 0.8 epsilon apart along z under a wide angle, with epsilon along the ray. The blue sheet behind "
+        "blends only where the rays are steep enough: |d| <= 1.25, inside a circle of 24 pixels' radius.",
         discs(
             np.concatenate([gold, blue]), [[0, 0, -1]], 0.25, np.repeat([GOLD, BLUE], [len(gold), len(blue)], axis=0)
         ),
@@ -85,7 +85,7 @@ def epsilon_along_ray() -> Scene:
 
 
 def edge_on() -> Scene:
-    """Rows of ellipses that turn away from the eye, about one axis and the other, and that narrow."""
+    """Lay rows of ellipses that turn away from the eye about one axis, about the other, and that narrow."""
     turns, narrow = np.radians([0, 30, 55, 70, 80, 86, 89, 89.9, 90]), 2.0 ** -np.arange(9)
     turned, still = np.stack([np.cos(turns), np.sin(turns)]), np.stack([np.ones(9), np.zeros(9)])
     rows = (
@@ -103,10 +103,10 @@ def edge_on() -> Scene:
             t_u.append(u[0, i] * right + u[1, i] * unit(c))
             t_v.append(v[0, i] * up + v[1, i] * unit(c))
     return Scene(
-        "Ellipses that turn edge-on from left to right, about their long and about their short axis, and (below) "
-        "needles each half as wide as the last: a disc covers the pixel centres inside it, however thin, and of "
-        "one that has none, as of an edge-on one, there is the pre-filter's dot, here of 1.5 pixels' radius about"
-        " the centre of the projected bounds.",
+        "Ellipses that turn edge-on from left to right, about their long axis and about their short axis; below, "
+        "needles each half as wide as the last. A disc covers the pixel centers inside it, however thin it is. A "
+        "disc that contains no pixel center, like an edge-on one, shows only the pre-filter's dot: here of 1.5 "
+        "pixels' radius about the center of the projected bounds.",
         splats(center, t_u, t_v, hue(np.tile(np.linspace(0, 0.7, 9), 3))),
         Camera(np.eye(4), 80, 80, 49, 36, 92, 72),
         RenderSettings(epsilon=0, prefilter_center="bounds", prefilter_radius=1.5, **ALBEDO),
@@ -114,7 +114,7 @@ def edge_on() -> Scene:
 
 
 def near_plane() -> Scene:
-    """Build a corridor of four discs about points behind the eye, and three small ones at the near plane."""
+    """Build a corridor of four discs centered behind the eye, and three small discs at the near plane."""
     center = [
         [0, 0.8, -1],
         [0, -0.8, -1],
@@ -127,8 +127,8 @@ def near_plane() -> Scene:
     t_u = [[3, 0, 0], [3, 0, 0], [0, 2, 0], [0, 2, 0], [0.1, 0, 0], [0.1, 0.02, 0], [0.02, 0.1, 0.02]]
     t_v = [[0, 0, 7], [0, 0, -7], [0, 0, -8], [0, 0, 8], [0, -0.05, 0.1], [0, 0.06, 0.1], [-0.05, 0, 0.12]]
     return Scene(
-        "A corridor of four discs whose centres lie behind the eye, and three small ones that the near plane (z ="
-        " 0.25) cuts in straight lines: the visible part of every splat is drawn, with its depth exact per pixel.",
+        "A corridor of four discs whose centers lie behind the eye, and three small discs that the near plane (z = "
+        "0.25) cuts in straight lines. The visible part of every splat is drawn, with its depth exact per pixel.",
         splats(center, t_u, t_v, [CREAM, TEAL, (0.6, 0.1, 0.1), (0.1, 0.4, 0.12), GOLD, BLUE, WHITE]),
         Camera(np.eye(4), 44, 44, 44, 32, 88, 64, near=0.25),
         RenderSettings(epsilon=0, facing="flip", material=Material(0.35, 0.65, 0, 1)),
@@ -142,9 +142,9 @@ def ringed_planet() -> Scene:
     ring = np.stack([distance * np.cos(angle), rng.normal(size=1100) * 0.01, distance * np.sin(angle)], axis=1)
     planet = fibonacci_sphere(260)
     return Scene(
-        "A planet with a ring of dots far smaller than a pixel: the pre-filter draws each about its centre with "
-        "the centre's depth, in front of the planet blended with it and behind it not at all; Z stays infinite "
-        "where only dots are.",
+        "A planet with a ring of dots far smaller than a pixel. The pre-filter draws each dot about its center with "
+        "the center's depth. Dots in front of the planet blend with it, and dots behind it do not show. Z stays "
+        "infinite where only dots are.",
         discs(
             np.concatenate([planet, ring]),
             np.concatenate([planet, np.tile([[0, 1, 0]], (len(ring), 1))]),
@@ -161,13 +161,14 @@ def ringed_planet() -> Scene:
 
 
 def peeled_sphere() -> Scene:
-    """Peel spiral stripes off a sphere, seen without pre-filter and without its back faces."""
+    """Peel spiral stripes off a sphere, without pre-filter and back faces."""
     p = fibonacci_sphere(900)
     longitude = np.arctan2(p[:, 0], p[:, 2])
     p = p[np.sin(3 * longitude + 5 * p[:, 1]) > -0.4]
     return Scene(
-        "A sphere peeled in spiral stripes, back faces culled, no pre-filter: the gaps are transparent, for the "
-        "far side's discs were dropped before the visibility pass, and discs at the silhouette thin to nothing.",
+        "A sphere peeled in spiral stripes, with back faces culled and no pre-filter. The gaps are transparent, "
+        "because the far side's discs were dropped before the visibility pass. Discs at the silhouette thin to "
+        "nothing.",
         discs(p, p, 0.085, hue(0.5 + 0.5 * p[:, 1]) * 0.8 + 0.1),
         Camera.look_at((0.8, 0.9, 3.2), (0, 0, 0), fov_y=40, width=72, height=72),
         RenderSettings(epsilon=0.05, prefilter="none", facing="cull", material=Material(0.2, 0.8, 0.2, 24)),
@@ -175,7 +176,7 @@ def peeled_sphere() -> Scene:
 
 
 def orthographic() -> Scene:
-    """Four unit cubes, three of them below one, seen along the diagonal."""
+    """Stack four unit cubes, three of them below one, before a camera on the diagonal."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 0, 1], [0, 1, 0]], float)
     a, b = (coordinate + 0.1 for coordinate in grid(np.arange(5) / 5, np.arange(5) / 5))
     center, normal = [], []
@@ -191,7 +192,7 @@ def orthographic() -> Scene:
     target = [0.7, 0.7, 0.7] - 1.1 * right - 1.2 * up
     return Scene(
         "Cubes on top of each other under an orthographic camera whose principal point is far from the image's "
-        "centre: parallel edges stay parallel, near and far cubes are equally large, and depth is along z.",
+        "center. Parallel edges stay parallel, near and far cubes are equally large, and depth is along z.",
         discs(center, np.concatenate(normal), 0.145, color),
         Camera(
             Camera.look_at(target + 8, target).eye_from_world, 21.5, 21.5, 12.25, 61.75, 72, 72, 1, 40, "orthographic"
@@ -210,9 +211,9 @@ def three_lights() -> Scene:
     normal = np.cos(v)[:, None] * out + np.sin(v)[:, None] * [0, 1, 0]
     sign = np.random.default_rng(9).choice([-1, 1], (len(u), 1))
     return Scene(
-        "A grey torus, half of its normals turned inward at random and flipped toward the eye by the settings, "
-        "under a dim headlight, a blue directional and an orange point light with highlights: it is as smooth as "
-        "if no normal had been turned, for Phong is evaluated once per pixel.",
+        "A gray torus under a dim headlight, a blue directional light and an orange point light, with highlights. "
+        "Half of its normals are turned inward at random, and the settings flip them toward the eye. It is as "
+        "smooth as if no normal had been turned, because Phong is evaluated once per pixel.",
         discs(out + 0.42 * normal, sign * normal, 0.1, (0.5, 0.5, 0.5)),
         Camera.look_at((0, 2.9, 2.9), (0, -0.05, 0), fov_y=40, width=88, height=64),
         RenderSettings(
@@ -230,13 +231,13 @@ def three_lights() -> Scene:
 
 
 def kernel_table() -> Scene:
-    """Three primaries that overlap in one plane."""
+    """Overlap discs in three primary colors in one plane."""
     angle = np.radians([90, 210, 330])
     center = np.stack([0.45 * np.cos(angle), -0.45 * np.sin(angle) + 0.1, np.full(3, 2)], axis=1)
     return Scene(
-        "Three discs in one plane, weighted by a table of six samples read nearest: each change of colour is a "
-        "step of the table at r = (i + 1/2) / 5, and where its last sample, zero, is alone, nothing is drawn "
-        "though Z is finite.",
+        "Three discs in one plane, weighted by a table of six samples that is read nearest. Each change of color is "
+        "a step of the table at r = (i + 1/2) / 5. Where its last sample, zero, is alone, nothing is drawn although "
+        "Z is finite.",
         discs(center, [[0, 0, -1]], 0.75, [(0.9, 0.05, 0.05), (0.05, 0.7, 0.05), (0.05, 0.1, 0.9)]),
         Camera(np.eye(4), 52, 52, 36, 36, 72, 72),
         RenderSettings(
@@ -246,7 +247,7 @@ def kernel_table() -> Scene:
 
 
 def survey() -> Scene:
-    """Survey a hilly field of 36 x 36 m in UTM metres; only the centres are float64."""
+    """Survey a hilly field of 36 x 36 m in UTM meters; only the centers are float64."""
     east, north = grid(np.arange(36.0), np.arange(36.0))
     height = 3 * np.sin(east / 5) * np.cos(north / 7) + np.exp(-((east - 22) ** 2 + (north - 20) ** 2) / 30) * 8
     bump = (height - 3 * np.sin(east / 5) * np.cos(north / 7)) / 15
@@ -261,8 +262,8 @@ def survey() -> Scene:
     eye, target = np.add(origin, (30, -22, 22)), np.add(origin, (18, 17, 0))
     center = np.round((origin + np.stack([east, north, height], axis=1)) * 4096) / 4096
     return Scene(
-        "A hilly field in UTM metres, whose northings float32 would round to half metres, in double precision: "
-        "float64 centres are kept from the file to the pixel.",
+        "A hilly field in UTM meters, in double precision. float32 would round its northings to half meters; "
+        "float64 centers are kept from the file to the pixel.",
         Splats(center, field.tangent_u, field.tangent_v, field.color),
         Camera.look_at(eye, target, up=(0, 0, 1), fov_y=38, width=88, height=64),
         RenderSettings(
@@ -272,12 +273,12 @@ def survey() -> Scene:
 
 
 def bunny() -> Scene:
-    """Decimate the bundled scan: bare points, so normals without sign and radii are estimated."""
+    """Decimate the bundled scan of bare points, whose unsigned normals and radii are estimated."""
     points = read(SCAN).center[::KEEP_EVERY].astype(np.float32)
     scan = splats_from_points(points)
     return Scene(
-        "Every eighth point of the Stanford Bunny with estimated normals and radii and the default settings: a "
-        "scan's irregular ellipses close the surface, and normals without sign turn toward the viewer.",
+        "Every eighth point of the Stanford Bunny, with estimated normals and radii and the default settings. The "
+        "irregular ellipses of a scan close the surface, and normals without sign turn toward the viewer.",
         Splats(
             points,
             scan.tangent_u.astype(np.float32),

@@ -1,8 +1,8 @@
 """Render the reference images again: ``python reference_images/regenerate.py [--check] [NAME ...]``.
 
-Builds each scene from code, renders it, compares it with the float64 oracle and, only if they agree, writes
-its splats, scene, EXR and PNG and the table in README.md. ``--check`` writes nothing: it reports the comparison
-with the oracle and whether the image has the bits of the stored one.
+Build each scene from code, render it and compare it with the float64 oracle. If they agree, write its splats, scene,
+EXR and PNG, and the tables of README.md. ``--check`` writes nothing. It reports the comparison with the oracle, and
+whether the image has the bits of the stored one.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from splatcl.io.exr import read_exr
 
 FOLDER = Path(__file__).resolve().parent
 SOURCES = ("splatcl", "kernels", "reference_images/*.py")
-"""What an image's bits depend on: uncommitted changes of these are recorded."""
+"""Sources that decide an image's bits. Uncommitted changes of these are recorded."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; return its exit status: 1 if an image disagrees."""
+    """Run the command and return its exit status: 1 if an image disagrees."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", metavar="NAME", help="scenes to render; all by default")
     parser.add_argument("--check", action="store_true", help="write nothing")
@@ -47,12 +47,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def regenerate(name: str, renderer: Renderer, folder: Path, check: bool = False) -> bool:
-    """Render one scene, compare it and print how; write it if it agrees (`check`: never).
+    """Render one scene, compare it and print the result. Write it if it agrees, never under `check`.
 
     Returns
     -------
     bool
-        It agrees with the oracle and, under `check`, with the bits of the stored image.
+        Whether it agrees with the oracle and, under `check`, with the bits of the stored image.
     """
     scene = SCENES[name]()
     frame = renderer.render(scene.splats, scene.camera, scene.settings)
@@ -86,7 +86,7 @@ def same_bits(path: Path, frame: Frame) -> bool:
 
 
 def git_commit() -> str:
-    """Return the checked-out commit, "+ changes" where the sources differ from it, "unknown" outside of git."""
+    """Return the checked-out commit, with "+ changes" if the sources differ from it; "unknown" outside of git."""
     try:
         commit = _git("rev-parse", "--short=12", "HEAD")
         return commit + (" + changes" if _git("status", "--porcelain", "--", *SOURCES) else "")

@@ -1,4 +1,4 @@
-"""A reference image's files: NAME.json (what to render), NAME.npz (its splats), NAME.exr, NAME.png."""
+"""Read and write a reference image's files: NAME.json (camera and settings), NAME.npz (splats), NAME.exr, NAME.png."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 from splatcl import Camera, Frame, RenderSettings, Splats, read, write
-from splatcl.io.atomic import atomic_path
 from splatcl.io.cameras import camera_from_json, camera_to_json
+from splatcl.util.atomic import atomic_path
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """What a reference image shows.
+    """The input of a reference image, and the record of its making.
 
     Parameters
     ----------
     about : str
-        One sentence: what it shows and what it pins.
+        Sentences for README.md: the image, and the rules that it pins.
     splats : Splats
     camera : Camera
     settings : RenderSettings
     made : dict
-        How the image was made: versions, the device, the comparison with the oracle.
+        Versions, the device, and the comparison with the oracle.
     """
 
     about: str
@@ -37,12 +37,12 @@ class Scene:
 
 
 def scene_names(folder: Path) -> list[str]:
-    """Return the names of the scenes that `folder` holds."""
+    """Return the names of the scenes in `folder`."""
     return sorted(path.stem for path in folder.glob("*.json"))
 
 
 def read_scene(folder: Path, name: str) -> Scene:
-    """Read NAME.json and the splats that it names."""
+    """Read NAME.json and its file of splats."""
     path = folder / f"{name}.json"
     values = json.loads(path.read_text(encoding="utf-8"))
     return Scene(
@@ -55,7 +55,7 @@ def read_scene(folder: Path, name: str) -> Scene:
 
 
 def write_scene(folder: Path, name: str, scene: Scene, frame: Frame) -> None:
-    """Write a scene's four files; the same scene and frame give the same bytes."""
+    """Write a scene's four files. The same scene and frame give the same bytes."""
     write(scene.splats, folder / f"{name}.npz")
     frame.save(folder / f"{name}.exr")
     frame.save(folder / f"{name}.png")
@@ -67,14 +67,14 @@ def write_scene(folder: Path, name: str, scene: Scene, frame: Frame) -> None:
         "made": scene.made,
     }
     text = json.dumps(values, indent=2, allow_nan=False)
-    innermost = re.compile(r"\[\s+([^][{}]*?)\s+\]")  # a row of a matrix, a colour: one line each
+    innermost = re.compile(r"\[\s+([^][{}]*?)\s+\]")  # one line for each row of a matrix and each color
     text = innermost.sub(lambda match: "[" + re.sub(r"\s+", " ", match[1]) + "]", text)
     with atomic_path(folder / f"{name}.json") as temporary:
         temporary.write_text(text + "\n", encoding="utf-8")
 
 
 def _from_json(kind: Any, value: Any) -> Any:
-    """Return `value` as `kind`: dataclasses from objects and tuples from lists, by their type hints."""
+    """Return `value` as `kind`, with dataclasses from objects and tuples from lists, by their type hints."""
     if dataclasses.is_dataclass(kind):
         hints = get_type_hints(kind)
         return kind(**{name: _from_json(hints[name], item) for name, item in value.items()})  # type: ignore[operator]

@@ -1,26 +1,24 @@
 """splatcl: the reference software rasterizer for surface splatting, in OpenCL, driven from Python.
 
-Names are imported when they are first used, so that ``import splatcl`` and ``splatcl --help`` cost next to nothing.
+A public name is imported at its first use, so that ``import splatcl`` and ``splatcl --help`` start fast.
 """
 
 import importlib
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from splatcl import features as features
-    from splatcl.camera import Camera
-    from splatcl.decimate import decimate
     from splatcl.errors import SplatclError
-    from splatcl.fields import fit_normal_fields, normal_fields
-    from splatcl.frame import Frame
-    from splatcl.io import read, write
-    from splatcl.io.frames import read_frame
-    from splatcl.lights import Light, Material, Npr
-    from splatcl.render import Renderer, render
-    from splatcl.settings import RenderSettings
-    from splatcl.splats import Splats
+    from splatcl.frame import Frame, read_frame
+    from splatcl.io.read import read
+    from splatcl.io.write import write
+    from splatcl.prepare.decimate import decimate
+    from splatcl.prepare.normal_fields import fit_normal_fields, normal_fields
+    from splatcl.renderer import Renderer, render
+    from splatcl.scene.camera import Camera
+    from splatcl.scene.lights import Light, Material, Npr, environment_lights
+    from splatcl.scene.settings import RenderSettings
+    from splatcl.scene.splats import Splats
 
     __version__: str
 
@@ -35,6 +33,7 @@ __all__ = [
     "SplatclError",
     "Splats",
     "decimate",
+    "environment_lights",
     "fit_normal_fields",
     "normal_fields",
     "read",
@@ -43,35 +42,24 @@ __all__ = [
     "write",
 ]
 _MODULES = {
-    "Camera": "camera",
+    "Camera": "scene.camera",
     "Frame": "frame",
-    "Light": "lights",
-    "Material": "lights",
-    "Npr": "lights",
-    "RenderSettings": "settings",
-    "Renderer": "render",
+    "Light": "scene.lights",
+    "Material": "scene.lights",
+    "Npr": "scene.lights",
+    "RenderSettings": "scene.settings",
+    "Renderer": "renderer",
     "SplatclError": "errors",
-    "Splats": "splats",
-    "decimate": "decimate",
-    "fit_normal_fields": "fields",
-    "normal_fields": "fields",
-    "read": "io",
-    "read_frame": "io.frames",
-    "render": "render",
-    "write": "io",
+    "Splats": "scene.splats",
+    "decimate": "prepare.decimate",
+    "environment_lights": "scene.lights",
+    "fit_normal_fields": "prepare.normal_fields",
+    "normal_fields": "prepare.normal_fields",
+    "read": "io.read",
+    "read_frame": "frame",
+    "render": "renderer",
+    "write": "io.write",
 }
-
-
-class _Package(ModuleType):
-    """The package: importing a module `render` or `decimate` binds that name, which shall stay the function."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in ("decimate", "render") and isinstance(value, ModuleType):
-            value = getattr(value, name)
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:

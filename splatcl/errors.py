@@ -1,8 +1,8 @@
-"""Errors that a user can cause and mend; the command line prints them as one line."""
+"""Errors that a user can cause and mend; the command line prints each as one line."""
 
 
 class SplatclError(ValueError):
-    """Something the user gave cannot be used; the message names what, where and the remedy."""
+    """An input cannot be used; the message names the place, the problem and the remedy."""
 
 
 class FileError(SplatclError):
@@ -10,20 +10,20 @@ class FileError(SplatclError):
 
 
 class InvalidSplatsError(SplatclError):
-    """Splats are non-finite, degenerate or of the wrong shape."""
+    """Splats, points or triangles are non-finite or degenerate, or an array has a wrong shape."""
 
 
 class DeviceError(SplatclError):
-    """No usable OpenCL device, or the device refused to build or run a kernel."""
+    """There is no usable OpenCL device, or the device cannot build or run a kernel."""
 
 
 class CameraError(SplatclError):
-    """A camera's numbers contradict each other or the specification."""
+    """A camera's numbers contradict each other or are out of range."""
 
 
 class SettingsError(SplatclError):
-    """A render setting has no meaning or no such value."""
+    """A setting or an argument has an unknown value, is out of range, or contradicts another one."""
 
 
 class CheckError(RuntimeError):
-    """A render did not add up; this is a defect, not a user's mistake."""
+    """A check of a render failed: a defect of splatcl or of the device, not a user's mistake."""

@@ -37,9 +37,9 @@ def pytest_collection_modifyitems(config, items):
 
 @pytest.fixture(scope="session")
 def device():
-    from splatcl.device import DeviceQueue
+    from splatcl.opencl.device.strictness import Device
 
-    return DeviceQueue()
+    return Device()
 
 
 @pytest.fixture(scope="session")
@@ -58,7 +58,7 @@ def renderer(renderer_with):
 @pytest.fixture
 def stub_backend(monkeypatch, tmp_path):
     """Put a backend in place of OpenGL's."""
-    from splatcl.bench import against
+    from splatcl.apps.bench import against
 
     path = tmp_path / "backend.py"
     path.write_text(STUB)

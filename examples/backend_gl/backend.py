@@ -1,8 +1,8 @@
 """Surface splatting in OpenGL 3.3: the three passes of [BHZK05], through EGL, on Mesa's llvmpipe.
 
-A renderer of its own, with its own GLSL, written for OpenGL: points as large as the discs' projections, rays
-intersected in the fragment shader, float render targets. It takes splatcl's splats, cameras and settings and gives
-buffers in splatcl's conventions, so that the two can be compared; README.md says where OpenGL limits it.
+This is an independent renderer with its own GLSL, written for OpenGL: points as large as the discs' projections, rays
+intersected in the fragment shader, float render targets. It takes splatcl's splats, cameras and settings and returns
+buffers in splatcl's conventions, so that the two can be compared. README.md lists the limits that OpenGL imposes.
 """
 
 from __future__ import annotations
@@ -25,27 +25,27 @@ from splatcl.errors import CameraError, DeviceError, SettingsError
 FOLDER = Path(__file__).parent
 VERSION = "#version 330\n"
 CHOICES = ("KEEP", "FLIP", "CULL", "PHONG", "ALBEDO", "NORMAL")
-"""Names in the shaders of what FACING and SHADER can be."""
+"""Names in the shaders of the values of FACING and SHADER."""
 TEXTURE_2D, DEPTH_COMPONENT, DEPTH_COMPONENT32F, FLOAT = 0x0DE1, 0x1902, 0x8CAC, 0x1406
 Defines = dict[str, str | int]
-"""Names for the shaders' preprocessor, which choose a variant."""
+"""Preprocessor names that choose a variant of the shaders."""
 
 
 @cache
 def context() -> moderngl.Context:
-    """Return the process's OpenGL context: no window, and in software unless the environment says otherwise.
+    """Return the process's OpenGL context, without a window, in software unless the environment says otherwise.
 
     Raises
     ------
     DeviceError
-        There is no EGL or no driver that has OpenGL 3.3.
+        EGL, or a driver with OpenGL 3.3, is missing.
     """
     os.environ.setdefault("EGL_PLATFORM", "surfaceless")
     os.environ.setdefault("LIBGL_ALWAYS_SOFTWARE", "1")
-    libraries = {"libegl": "libEGL.so.1", "libgl": "libEGL.so.1"}  # EGL finds every function; no libGL is needed
+    libraries = {"libegl": "libEGL.so.1", "libgl": "libEGL.so.1"}  # EGL finds every function, so libGL is not needed
     try:
         made = moderngl.create_context(require=330, standalone=True, backend="egl", **libraries)
-    except Exception as error:  # moderngl raises no class of its own
+    except Exception as error:  # moderngl has no exception class of its own
         raise DeviceError(f"no OpenGL 3.3 through EGL ({error}); install libegl1 and libgl1-mesa-dri") from None
     made.gc_mode = "auto"
     return made
@@ -53,13 +53,13 @@ def context() -> moderngl.Context:
 
 @cache
 def largest_point() -> float:
-    """Return the largest size of a point, pixels."""
+    """Return the largest point size, pixels."""
     return float(context().info["GL_POINT_SIZE_RANGE"][1])
 
 
 @dataclass(frozen=True, eq=False)
 class Targets:
-    """The images of one size that the passes draw to. Float depth, so that depths differ as float32 does."""
+    """Render targets of one size. The depth is float, so that depths are rounded as float32."""
 
     depth: moderngl.Texture  # scaled eye z; 1 where no disc is hit
     color_sum: moderngl.Texture  # RGBA32F: sum of w color; of w
@@ -71,17 +71,17 @@ class Targets:
 
     @classmethod
     def of_size(cls, width: int, height: int) -> Targets:
-        """Allocate them."""
+        """Allocate the targets."""
         depth = depth_texture(width, height)
         color_sum, normal_sum, color = (context().texture((width, height), 4, dtype="f4") for _ in range(3))
-        visibility = context().framebuffer((), depth)  # no colour attachment: nothing but depth is written
+        visibility = context().framebuffer((), depth)  # no color attachment: the pass writes depth alone
         attributes = context().framebuffer((color_sum, normal_sum), depth)
         attributes.depth_mask = False
         return cls(depth, color_sum, normal_sum, color, visibility, attributes, context().framebuffer((color,)))
 
 
 def depth_texture(width: int, height: int) -> moderngl.Texture:
-    """Return a depth texture of 32-bit floats; moderngl by itself makes 24-bit integers."""
+    """Return a depth texture of 32-bit floats; moderngl alone makes 24-bit integers."""
     texture = context().depth_texture((width, height))
     texture.compare_func = ""  # read as numbers
     texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
@@ -94,14 +94,14 @@ def depth_texture(width: int, height: int) -> moderngl.Texture:
 
 
 def _gl(name: str, *argument_types: Any) -> Any:
-    """Return a function of OpenGL that moderngl does not offer."""
+    """Return an OpenGL function that moderngl does not offer."""
     address = ctypes.CDLL("libEGL.so.1").eglGetProcAddress
     address.restype, address.argtypes = ctypes.c_void_p, [ctypes.c_char_p]
     return ctypes.CFUNCTYPE(None, *argument_types)(address(name.encode()))
 
 
 def program(vertex: str, fragment: str, variant: Defines) -> moderngl.Program:
-    """Return a variant of the shaders of two files, compiled once."""
+    """Return a variant of a program made of two shader files, compiled once."""
     return _compile(vertex, fragment, "".join(f"#define {name} {value}\n" for name, value in variant.items()))
 
 
@@ -114,24 +114,24 @@ def _compile(vertex: str, fragment: str, defines: str) -> moderngl.Program:
 
 
 class Backend:
-    """Renders splats, which it uploads once, to images.
+    """A renderer that uploads its splats once.
 
     Parameters
     ----------
     splats : splatcl.Splats
     sort : bool
-        Upload them along a space-filling curve, so that points of a tile lie together in llvmpipe's memory. It makes
-        frames faster and, up to the rounding of sums, changes nothing else.
+        Upload the splats along a space-filling curve, so that the points of a tile lie together in llvmpipe's memory.
+        Frames become faster, and only the rounding of sums changes.
 
     Attributes
     ----------
     renderer_name : str
-        What OpenGL calls itself, such as "llvmpipe (LLVM 15.0.6, 256 bits)".
+        Name of the OpenGL renderer, such as "llvmpipe (LLVM 15.0.6, 256 bits)".
 
     Raises
     ------
     DeviceError
-        There is no OpenGL.
+        OpenGL is missing.
     """
 
     def __init__(self, splats: splatcl.Splats, sort: bool = True) -> None:
@@ -150,12 +150,12 @@ class Backend:
         self._depth_scale = 1.0
 
     def draw(self, camera: splatcl.Camera, settings: splatcl.RenderSettings) -> None:
-        """Render one frame and wait for its end.
+        """Render one frame and wait until it is done.
 
         Raises
         ------
         SettingsError, CameraError
-            OpenGL's passes do not have that setting or projection.
+            The OpenGL passes do not support a setting or the projection.
         """
         refuse_unsupported(camera, settings)
         if self._targets is None or self._targets.depth.size != (camera.width, camera.height):
@@ -187,13 +187,13 @@ class Backend:
         gl.finish()
 
     def read(self) -> dict[str, NDArray[Any]]:
-        """Return the last frame, rows from the top, eye space with y down and z forward.
+        """Return the last frame, with rows from the top and eye space with y down and z forward.
 
         Returns
         -------
         dict
             `color` (H, W, 4) linear RGBA; `Z` (H, W) eye-space z, +inf where no disc is hit; `weight` (H, W);
-            `albedo`, `N` (H, W, 3); zero where nothing is. All float32.
+            `albedo`, `N` (H, W, 3); zero in empty pixels. All are float32.
         """
         assert self._targets, "draw() comes before read()"
         depth = _pixels(self._targets.depth)[..., 0]
@@ -229,13 +229,13 @@ class Backend:
         self._vertex_arrays[shaders].render(moderngl.TRIANGLES, vertices=3)
 
     def _variants(self, camera: splatcl.Camera, settings: splatcl.RenderSettings) -> list[Defines]:
-        """Return what to define in the shaders of each draw call of a pass over the splats."""
+        """Return the shader definitions of each draw call of a pass over the splats."""
         facing = settings.facing if self._oriented else "flip"
         points: Defines = {"FACING": facing.upper(), "PREFILTER": int(settings.prefilter == "min")}
         nearest, farthest = self._z_range(camera)
         if not camera.near < nearest <= farthest < camera.far:
             points["CUTS_DEPTH"] = 1
-        # Points of a disc that are in the image are at most this far apart, in either direction.
+        # Two points of a disc inside the image are at most this far apart, in either direction.
         corner = (
             max(camera.cx, camera.width - camera.cx) / camera.fx,
             max(camera.cy, camera.height - camera.cy) / camera.fy,
@@ -246,7 +246,7 @@ class Backend:
         return [points]
 
     def _z_range(self, camera: splatcl.Camera) -> tuple[float, float]:
-        """Eye-space z that no splat is outside of, scene units."""
+        """Return bounds of the eye-space z of all splats, scene units."""
         middle, radius = self._sphere
         z = float(camera.eye_from_world[2, :3] @ middle + camera.eye_from_world[2, 3])
         return z - 1.001 * radius, z + 1.001 * radius
@@ -281,22 +281,22 @@ class Backend:
 
 
 def vertices(splats: splatcl.Splats, origin: NDArray[Any]) -> NDArray[np.float32]:
-    """(N, 12) float32: centre from `origin` (survey coordinates lose nothing), tangents and colour, interleaved."""
+    """Return (N, 12) float32: center minus `origin` (survey coordinates lose nothing), tangents, color, interleaved."""
     columns = (splats.center - origin, splats.tangent_u, splats.tangent_v, splats.color)
     return np.concatenate([column.astype(np.float32) for column in columns], axis=1)
 
 
 def morton_order(points: NDArray[Any]) -> NDArray[np.intp]:
-    """(N,) indices along a Z-order curve of 1024 cells a side."""
+    """Return (N,) indices along a Z-order curve of 1024 cells a side."""
     low, extent = points.min(axis=0, initial=np.inf), np.ptp(points, axis=0).max() if len(points) else 1.0
     cells = (1023 * (points - low) / (extent or 1.0)).astype(np.uint32)
     for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
-        cells = (cells | cells << shift) & mask  # each bit to every third place
+        cells = (cells | cells << shift) & mask  # spreads the bits to every third place
     return np.argsort(cells[:, 0] | cells[:, 1] << 1 | cells[:, 2] << 2, kind="stable")
 
 
 def refuse_unsupported(camera: splatcl.Camera, settings: splatcl.RenderSettings) -> None:
-    """Raise an error for what these shaders do not do."""
+    """Raise an error for a setting or projection that these shaders do not support."""
     if camera.projection != "perspective":
         raise CameraError(f"the OpenGL backend has perspective cameras only, not {camera.projection}")
     for name, supported in (
@@ -316,7 +316,7 @@ def refuse_unsupported(camera: splatcl.Camera, settings: splatcl.RenderSettings)
 
 
 def _place(light: splatcl.Light, camera: splatcl.Camera) -> tuple[float, ...]:
-    """Eye-space position and 1, or direction and 0."""
+    """Return the light's eye-space position and 1, or its direction and 0."""
     if light.kind == "headlight":
         return 0.0, 0.0, 0.0, 1.0
     rotated = camera.eye_from_world[:3, :3] @ light.vector
@@ -326,7 +326,7 @@ def _place(light: splatcl.Light, camera: splatcl.Camera) -> tuple[float, ...]:
 
 
 def _set(shaders: moderngl.Program, uniforms: dict[str, Any]) -> None:
-    """Give the shaders' uniforms their values."""
+    """Set the shaders' uniforms."""
     for unit, name in enumerate(("depth", "color_sum", "normal_sum")):
         if name in shaders:
             shaders[name].value = unit
@@ -336,6 +336,6 @@ def _set(shaders: moderngl.Program, uniforms: dict[str, Any]) -> None:
 
 
 def _pixels(texture: moderngl.Texture) -> NDArray[np.float32]:
-    """(H, W, components)."""
+    """Return a texture as an (H, W, components) array."""
     width, height = texture.size
     return np.frombuffer(texture.read(), np.float32).reshape(height, width, texture.components)

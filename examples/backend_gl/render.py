@@ -12,9 +12,9 @@ from splatcl.io.png import write_png
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Render what the command line says."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scan", help="any file that splatcl reads")
+    parser.add_argument("scan", help="file of a format that splatcl reads")
     parser.add_argument("-o", "--output", default="out.png")
     parser.add_argument("--size", default="512x512", help="WIDTHxHEIGHT")
     parser.add_argument("--azimuth", type=float, default=0.0, help="degrees")

@@ -1,6 +1,6 @@
 """The command line. Exit status: 0 done, 1 the run failed, 2 the user's mistake, 130 interrupted.
 
-Errors speak of Python's parameters, for whoever calls the library; here they are put as options.
+The library's errors name parameters of Python; `as_options` replaces them by options.
 """
 
 from __future__ import annotations
@@ -11,24 +11,26 @@ import re
 import sys
 from collections.abc import Sequence
 from dataclasses import fields
+from typing import Any
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Group, Parameter
 
+from splatcl.cli.options.groups import OWN
 from splatcl.errors import CheckError, DeviceError, SplatclError
-from splatcl.settings import RenderSettings
+from splatcl.scene.settings import RenderSettings
 
 FAILED, MISTAKE, INTERRUPTED = 1, 2, 130
 MISTAKEN_PATH = frozenset(
     (errno.ENOENT, errno.EACCES, errno.EPERM, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP, errno.EROFS)
 )
-"""What the system says of a path that the user got wrong; anything else, such as a full disk, fails the run."""
+"""Errors of the system for a wrong path. Other errors, such as a full disk, fail the run."""
 OPTIONS = {
     **{field.name: f"--{field.name.replace('_', '-')}" for field in fields(RenderSettings) if field.name != "lights"},
     **{name: f"--{name.replace('_', '-')}" for name in ("on_invalid", "tile_size", "allow_inexact", "exposure")},
     **{"azimuth": "--azimuth", "elevation": "--elevation", "up": "--up", "fov_y": "--fov", "image size": "--size"},
     **{"error": "--error", "angle": "--angle", "num_neighbors": "--num-neighbors"},
 }
-"""Parameters of the library and the options that set them."""
+"""Option of each parameter of the library that errors name."""
 
 
 def _version() -> str:
@@ -37,33 +39,97 @@ def _version() -> str:
     return f"splatcl {version('splatcl')}"
 
 
+def _as_typed(default: Any) -> str | None:
+    """Return the default of an option as one would type it, None for an empty one."""
+    if default is None or default is False or default == ():
+        return None
+    return " ".join(map(str, default)) if isinstance(default, tuple) else str(default)
+
+
+START = """\
+Start with a scan: splatcl render scan.ply -o scan.exr --png scan.png
+Options of a command: splatcl COMMAND --help"""
+RENDER_EXAMPLES = """\
+Examples:
+
+  Every AOV and the picture, from 20 degrees to the side and 10 above:
+    splatcl render bunny.pts -o bunny.exr --png bunny.png \\
+      --azimuth 20 --elevation 10
+
+  Ground truth with evidence: accounting, decision margins and envelopes:
+    splatcl render bunny.pts -o truth.exr --check --margin --envelope
+
+  EWA splatting [ZRB04] instead of the default [BHZK05]:
+    splatcl render bunny.pts -o ewa.exr --png ewa.png --method zwicker04
+
+  A spot light that casts shadows, and 3 x 3 samples per pixel:
+    splatcl render bunny.pts --png spot.png --supersampling 3 \\
+      --light kind=spot,vector=0.3:0.5:0.4,direction=-0.7:-0.9:-0.9,shadow=pcf
+
+  Normals as colors, orthographic, from above:
+    splatcl render bunny.pts --png normals.png --shader normal \\
+      --projection orthographic --elevation 90"""
+"""End of ``splatcl render --help``; a test runs these commands."""
+
+COMMANDS = {
+    "Render": {
+        "render": ("Render a scan to an OpenEXR file, a PNG, or both.", "See docs/guide/."),
+        "shade": (
+            "Shade a rendered OpenEXR file again, without its splats.",
+            "Settings that are not given keep the values of the file. See docs/guide/shaders.md.",
+        ),
+        "probe": (
+            "Explain one pixel: each splat that touches it, and its part in the result.",
+            "See docs/trust/probe.md.",
+        ),
+    },
+    "Prepare scans": {
+        "info": ("Summarize a scan and its unusable points.", ""),
+        "features": ("Make splats of a mesh that end at its sharp edges.", "See docs/guide/features.md."),
+        "decimate": (
+            "Cover a scan with fewer, larger splats within an error bound.",
+            "See docs/guide/normal_fields.md.",
+        ),
+        "fields": ("Fit a normal field to each splat, for --method botsch04.", "See docs/guide/normal_fields.md."),
+    },
+    "Trust and speed": {
+        "devices": ("List the OpenCL devices; a star marks the device in use.", ""),
+        "doctor": (
+            "Test a device's arithmetic and render the golden images on it.",
+            "The exit status is 0 if the device is fit for reference renders, else 1. See docs/trust/doctor.md.",
+        ),
+        "paper": ("Rerun figures, tables and claims of the papers.", "See docs/trust/paper.md."),
+        "bench": ("Measure the speed of rendering and its limits.", "See docs/speed/bench.md."),
+    },
+}
+"""Each command's summary and details, by the title of its group. Its function is imported when it runs."""
+
 app = App(
     name="splatcl",
     help="Reference software rasterizer for surface splatting, in OpenCL.",
+    help_epilogue=START,
     version=_version,
+    group_parameters=OWN,
+    group_commands=Group("Help", sort_key=len(COMMANDS)),
     help_format="plaintext",
     suppress_keyboard_interrupt=False,
-    # No --no-... flags; a tuple takes all the values that follow; lights are texts here (--light); a user's shader is a
-    # text there and a file here.
-    default_parameter=Parameter(negative=(), consume_multiple=True, parse=re.compile("^(?!lights|user_shader)")),
+    # No --no-... flags; a tuple takes all the values that follow. --light and --user-shader replace the fields of
+    # RenderSettings that hold lights and the text of a shader.
+    default_parameter=Parameter(
+        negative=(), consume_multiple=True, parse=re.compile("^(?!lights|user_shader)"), show_default=_as_typed
+    ),
 )
-COMMANDS = {
-    "render": "Render a scan to an OpenEXR file, a PNG, or both.",
-    "shade": "Light a rendered OpenEXR file anew, without its splats.",
-    "probe": "Explain one pixel: every splat that touches it, and what became of it.",
-    "features": "Make splats of a mesh that end at its sharp edges.",
-    "info": "Say what a scan holds and what of it would be left out.",
-    "decimate": "Cover a scan with fewer, larger splats within an error bound.",
-    "fields": "Estimate how normals turn over each splat, for --method botsch04.",
-    "bench": "Measure how fast splats are rendered, and what bounds it.",
-    "paper": "Rerun the papers' claims.",
-    "doctor": "Test a device's arithmetic and its golden images.",
-    "devices": "List the OpenCL devices and mark the one that is used.",
-}
-"""Each is a function in the file of its name, imported only when it is run."""
-
-for name, summary in COMMANDS.items():
-    app.command(f"splatcl.cli.{name}:{name}", name=name, help=summary)
+for place, (title, commands) in enumerate(COMMANDS.items()):
+    group = Group(title, sort_key=place)
+    for number, (name, (summary, details)) in enumerate(commands.items()):
+        app.command(
+            f"splatcl.cli.commands.{name}:{name}",
+            name=name,
+            help=f"{summary}\n\n{details}",
+            help_epilogue=RENDER_EXAMPLES if name == "render" else "",
+            group=group,
+            sort_key=number,
+        )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -72,7 +138,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Parameters
     ----------
     arguments : sequence of str, optional
-        Without the program's name; those of the process by default.
+        Arguments without the program's name [default: those of the process].
     """
     try:
         status = app(
@@ -98,7 +164,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _abandon_stdout() -> None:
-    """Flush stdout if that can be; else let what the interpreter flushes at its end go nowhere."""
+    """Flush stdout; where it cannot be flushed, discard the rest, which the interpreter would flush at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -106,7 +172,7 @@ def _abandon_stdout() -> None:
 
 
 def run_failed(error: SplatclError) -> bool:
-    """Whether an error comes from the system or the OpenCL runtime failing, and not from what was given."""
+    """Whether the system or the OpenCL runtime failed, rather than the user."""
     cause = error.__cause__
     if isinstance(cause, OSError):
         return cause.errno not in MISTAKEN_PATH
@@ -115,9 +181,9 @@ def run_failed(error: SplatclError) -> bool:
 
 
 def as_options(message: str) -> str:
-    """Return an error's text with the library's parameters as options: ``on_invalid='drop'`` as ``--on-invalid drop``.
+    """Replace parameters in the text of an error by options: ``on_invalid='drop'`` by ``--on-invalid drop``.
 
-    A name is one where ``=`` follows, where it has an underscore, or at the beginning of the text.
+    A word is a parameter if ``=`` follows it, if it has an underscore, or if it begins the text.
     """
     names = "|".join(sorted(map(re.escape, OPTIONS), key=len, reverse=True))
     message = re.sub(

@@ -1,7 +1,1 @@
-"""Reading and writing: one file per format family."""
-
-from splatcl.io.formats import read, up_axis
-from splatcl.io.native import write
-from splatcl.io.summary import Summary, inspect
-
-__all__ = ["Summary", "inspect", "read", "up_axis", "write"]
+"""Files in and out: read.py chooses a reader, write.py writes splats, exr.py and png.py write frames."""

@@ -1,139 +1,95 @@
-"""The passes in float64 NumPy, written from docs/specification.md: every splat against every pixel, no tiles.
+"""Oracle: the passes in float64 NumPy, every splat against every pixel, without tiles.
 
-An independent second opinion for the kernels: slow, plain, sharing no code with them.
+It is an independent second opinion for the kernels: written from docs/specification.md, slow, plain, and without shared
+code. `render` and `passes` run all passes; each pass is a module with a function of the same name.
 
-The margin
-----------
-Where a decision is nearly a tie, a float32 renderer may decide it otherwise than this one. Each decision has
-a signed margin, (distance from flipping) / (2^-24 scale), positive where it accepts; `scale` is, to first
-order, the rounding error of a float32 evaluation relative to the projected centre, in units of 2^-24. With
-s = ((x-cx)/fx, (y-cy)/fy, 1), s_c the same at the projected centre, e_i = |s_i - s_c,i| + 2 pixels (whose
-rounding error is 2^-24 e_i), den = g.s / g.s_c, A = a / g.s_c, B = b / g.s_c and G = g / g.s_c:
+Margins
+-------
+A float32 renderer may decide a near tie otherwise than the oracle. Each decision therefore has a signed margin,
 
-- r3^2 <= 1 and z > 0:  den - |(A.s, B.s)| >= 0, scale sum_i (|A_i| + |B_i| + |G_i|) e_i + 1 + kappa;
-- near <= z <= far:  scale_z = |z| (1 + (1 + kappa) sum_i |G_i| e_i) / |den|
-  (orthographic: |z| + (1 + kappa) sum_i |g_i / g_z| e_i), and |z| for the centre's z;
-- r2^2 <= 1:  scale 2 r2^2 + 4 r2 (error of the pre-filter's centre in 2^-24 pixels) / prefilter_radius;
-- z <= depth + epsilon:  scale_z of the fragment, plus that of the front-most splat, plus epsilon;
-- which splat is front-most:  the difference of the two z, scale the sum of their scale_z;
-- facing (cos = n.c / |c|, n_z if orthographic) and edge-on (|cos| - 2^-16):  scale
-  4 |t_u| |t_v| / |t_u x t_v|;
-- a clip line's a u + b v + c >= 0:  times den as r3, of the same scale;
-- r <= 1 in an ellipse (splatcl/oracle/ellipses.py):  the scale of `_within`; that a conic one exists: 4 (|z| + reach);
+    margin = distance from flipping / (2^-24 scale),
 
-kappa = max(|t_u|, |t_v|)^2 / |t_u x t_v| / |cos| is the relative error of g.s_c (of a circle, 1/|cos|).
-Conditions that hold together (r3^2 <= 1, z in [near, far], not edge-on, not culled, not cut off) have the least of
-their signed margins, so a splat lowers the margin only of pixels that it touches or nearly touches; a disc wholly and
-clearly outside [near, far] lowers none. Where a fragment of an ellipse is, whether its ray meets the disc decides its
-depth, and counts too.
+positive where the decision accepts. The scale is, to first order, the rounding error of a float32 evaluation relative
+to the projected center, in units of 2^-24. The symbols are:
+
+- s = ((x - cx) / fx, (y - cy) / fy, 1), and s_c the same at the projected center;
+- e_i = |s_i - s_c,i| + 2 pixels, whose rounding error is 2^-24 e_i;
+- den = g.s / g.s_c, A = a / g.s_c, B = b / g.s_c and G = g / g.s_c, with a, b and g of geometry/discs.py;
+- cos = n.c / |c|, or n_z if orthographic;
+- kappa = max(|t_u|, |t_v|)^2 / |t_u x t_v| / |cos|, the relative error of g.s_c; for a circle it is 1 / |cos|.
+
+Each decision has its scale:
+
+- r3^2 <= 1 and z > 0, that is den - |(A.s, B.s)| >= 0:  sum_i (|A_i| + |B_i| + |G_i|) e_i + 1 + kappa;
+- near <= z <= far:  scale_z = |z| (1 + (1 + kappa) sum_i |G_i| e_i) / |den|, or orthographic
+  |z| + (1 + kappa) sum_i |g_i / g_z| e_i;  for the center's z it is |z|;
+- r2^2 <= 1:  2 r2^2 + 4 r2 (error of the pre-filter's center in 2^-24 pixels) / prefilter_radius;
+- z <= depth + epsilon:  scale_z of the fragment, plus scale_z of the front-most splat, plus epsilon;
+- which splat is front-most:  the sum of both splats' scale_z, for the difference of their z;
+- facing, cos >= 0, and edge-on, |cos| <= 2^-16:  4 |t_u| |t_v| / |t_u x t_v|;
+- a clip line a u + b v + c >= 0:  that of r3, for the line times den;
+- r <= 1 in an ellipse:  see `cover` in geometry/ellipses.py;
+- a conic ellipse exists:  4 (|z| + reach), with reach = |(t_u,z, t_v,z)|.
+
+Some conditions must hold together: r3^2 <= 1, z in [near, far], not edge-on, not culled, not clipped. They take the
+least of their signed margins. A splat thus lowers the margin only of pixels that it touches or nearly touches. A disc
+that is wholly and clearly outside [near, far] lowers none. A fragment of an ellipse takes its depth from the disc if
+its ray meets the disc, so that decision counts too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from splatcl.camera import Camera
-from splatcl.oracle.discs import _discs, _Hits, _intersect, _out_of_range
-from splatcl.oracle.ellipses import _Cover, _ellipses, _within
-from splatcl.oracle.light_view import shadow_maps
-from splatcl.oracle.lightmap import gathered
-from splatcl.oracle.maps import _maps
-from splatcl.oracle.project import ProjectedSplats, _disc_bounds, bin, project
-from splatcl.oracle.raster import DepthBuffer, GBuffer, _Raster, _weight, attributes, visibility
-from splatcl.oracle.rays import EDGE_ON, NO_SPLAT, NOTHING, OFFSET_ERROR, TINY, UNIT, Array, _ray_length, _rays
-from splatcl.oracle.shade import shade
-from splatcl.oracle.shadow import lookup
-from splatcl.oracle.supersampling import averaged, enlarged
-from splatcl.settings import RenderSettings
-from splatcl.splats import Splats
+from splatcl.oracle import attributes, project, shade, shadow, supersampling, visibility
+from splatcl.oracle.buffers import Array
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
+from splatcl.scene.splats import Splats
 
-__all__ = [
-    "EDGE_ON",
-    "NOTHING",
-    "NO_SPLAT",
-    "OFFSET_ERROR",
-    "TINY",
-    "UNIT",
-    "DepthBuffer",
-    "GBuffer",
-    "ProjectedSplats",
-    "_Cover",
-    "_Hits",
-    "_Raster",
-    "_disc_bounds",
-    "_discs",
-    "_ellipses",
-    "_intersect",
-    "_maps",
-    "_out_of_range",
-    "_ray_length",
-    "_rays",
-    "_weight",
-    "_within",
-    "attributes",
-    "auto_epsilon",
-    "averaged",
-    "bin",
-    "enlarged",
-    "gathered",
-    "lookup",
-    "passes",
-    "project",
-    "render",
-    "shade",
-    "shadow_maps",
-    "visibility",
-]
+__all__ = ["auto_epsilon", "passes", "render"]
 
 
 def auto_epsilon(splats: Splats) -> float:
-    """Return the median of max(|t_u|, |t_v|), scene units; 0 for no splats."""
+    """Return the depth tolerance of epsilon="auto", scene units: the median of max(|t_u|, |t_v|); 0 for no splats."""
     return float(np.median(splats.radius)) if len(splats) else 0.0
 
 
 def passes(splats: Splats, camera: Camera, settings: RenderSettings, epsilon: float) -> dict[str, Array]:
-    """Run all passes; return what `render` does, but with two margins.
+    """Run all passes once, without supersampling.
 
-    `margin` leaves out which of several splats is front-most (coplanar ones tie everywhere); `id_margin` is of the
-    visibility pass, that included. `epsilon` is in scene units.
+    Parameters
+    ----------
+    splats
+        World space.
+    epsilon
+        Depth tolerance, scene units; it replaces `settings.epsilon`.
+
+    Returns
+    -------
+    dict
+        AOVs by their names (docs/specification.md), each (H, W) or (H, W, channels), float64 but for `count` and
+        `particleid`, which are uint32. `margin` (H, W) leaves out the choice of the front-most splat, since coplanar
+        splats always tie. `id_margin` (H, W) is that of the visibility pass with this choice.
     """
-    projected = project(splats, camera, settings)
-    depth = visibility(projected, camera, settings)
-    names = list(splats.attributes)
-    channels = np.stack([splats.attributes[name] for name in names], axis=1) if names else None
-    gloss = _gloss(splats.attributes, settings, len(splats))
-    gbuffer = attributes(projected, depth, camera, settings, epsilon, splats.color, channels, gloss)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        means = np.nan_to_num(gbuffer.channel_sum / gbuffer.weight_sum[..., None])
-    named = {name: means[..., k] for k, name in enumerate(names)}
-    pixel_gloss = _gloss(named, settings, gbuffer.weight_sum.shape)
-    shadows = shadow_maps(splats, settings, epsilon)
+    projected = project.project(splats, camera, settings)
+    depth = visibility.visibility(projected, camera, settings)
+    gbuffer = attributes.attributes(projected, depth, splats, camera, settings, epsilon)
+    shadows = shadow.shadow_maps(splats, settings, epsilon)
     return {
-        **shade(gbuffer, depth, camera, settings, pixel_gloss, epsilon, shadows),
+        **shade.shade(gbuffer, depth, camera, settings, epsilon, shadows),
         "Z": depth.depth,
         "weight": gbuffer.weight_sum,
         "count": gbuffer.count,
         "particleid": depth.particleid,
-        **{f"attribute.{name}": values for name, values in named.items()},
         "margin": np.minimum(depth.depth_margin, gbuffer.margin),
         "id_margin": depth.margin,
     }
 
 
-def _gloss(named: Mapping[str, Array], settings: RenderSettings, shape: int | tuple[int, ...]) -> Array | None:
-    """(..., 2) specular and shininess, None where the material's hold everywhere."""
-    if not {"specular", "shininess"} & named.keys():
-        return None
-    material = settings.material
-    default = {"specular": material.specular, "shininess": material.shininess}
-    return np.stack([named.get(name, np.full(shape, value)) for name, value in default.items()], axis=-1)
-
-
 def render(splats: Splats, camera: Camera, settings: RenderSettings) -> dict[str, Array]:
-    """Run all passes; return the image and its AOVs, each (H, W) or (H, W, channels)."""
+    """Run all passes, with supersampling; return the AOVs of `passes`, but with one `margin` of all decisions."""
     n, epsilon = settings.supersampling, auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon
-    aovs = passes(splats, camera if n == 1 else enlarged(camera, n), settings, epsilon)
+    aovs = passes(splats, camera if n == 1 else supersampling.enlarged(camera, n), settings, epsilon)
     aovs["margin"] = np.minimum(aovs["margin"], aovs.pop("id_margin"))
-    return aovs if n == 1 else averaged(aovs, n)
+    return aovs if n == 1 else supersampling.averaged(aovs, n)

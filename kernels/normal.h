@@ -1,5 +1,0 @@
-// The blended normal as a colour: right is red, up is green, toward the eye is blue.
-static inline reals3 shade_surface(const Surface *s, constant Shading *shading, constant PhongLight *lights)
-{
-  return (reals3){R(0.5) + R(0.5) * s->normal.x, R(0.5) - R(0.5) * s->normal.y, R(0.5) - R(0.5) * s->normal.z};
-}

@@ -1,1 +1,0 @@
-"""Measurements of speed: scenes, a table of configurations, timing, the machine's limits, reports (docs/bench.md)."""

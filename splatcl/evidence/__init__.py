@@ -1,0 +1,1 @@
+"""Evidence: what can be proved about a frame or a device."""

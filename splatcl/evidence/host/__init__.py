@@ -1,0 +1,1 @@
+"""Margins and envelopes on the host, in float64 NumPy, from the oracle's equations."""

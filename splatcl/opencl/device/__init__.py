@@ -1,0 +1,1 @@
+"""OpenCL devices, programs, struct layouts and arithmetic; nothing here knows a splat."""

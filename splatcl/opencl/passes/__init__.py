@@ -1,0 +1,1 @@
+"""The passes on the device, one file each; kernels/passes has the kernel of the same name."""

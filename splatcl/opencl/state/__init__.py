@@ -1,0 +1,1 @@
+"""State that the passes of a frame share: context, records, uploaded splats, lights."""

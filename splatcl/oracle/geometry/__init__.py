@@ -1,0 +1,1 @@
+"""Geometry of splats and pixels: rays, discs, ellipses and the fragments they make."""

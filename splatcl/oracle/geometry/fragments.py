@@ -1,0 +1,124 @@
+"""Fragments: the pixels that a splat covers, whatever its footprint, and their weights."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from splatcl.oracle.buffers import Array, ProjectedSplats
+from splatcl.oracle.geometry.discs import Discs, Hits, intersect
+from splatcl.oracle.geometry.ellipses import Coverage, Ellipses, cover
+from splatcl.oracle.geometry.rays import OFFSET_ERROR, TINY, UNIT, to_raster
+from splatcl.scene.camera import Camera
+from splatcl.scene.settings import RenderSettings
+
+
+@dataclass(frozen=True, eq=False)
+class Fragments:
+    """P pixels against N splats: arrays are (P, N)."""
+
+    r_squared: Array  # r^2; there is a fragment where it is <= 1
+    z: Array  # eye z, scene units
+    scale_z: Array  # rounding error of z, 2^-24 scene units
+    margin: Array  # unsigned, least of the decisions that made the fragment
+    on_disc: Array  # bool: the ray meets the disc itself
+    u: Array  # disc coordinates of the ray's point on the splat's plane
+    v: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Footprints:
+    """Footprints of N splats, for the visibility and the attribute pass."""
+
+    projected: ProjectedSplats
+    camera: Camera
+    settings: RenderSettings
+    discs: Discs
+    ellipses: Ellipses | None  # None under footprint="raycast"
+
+    @classmethod
+    def of(
+        cls, projected: ProjectedSplats, camera: Camera, settings: RenderSettings, offset_error: float = OFFSET_ERROR
+    ) -> Footprints:
+        """Prepare the footprints; `offset_error` as in `Discs`."""
+        discs = replace(Discs.of(projected, camera), offset_error=offset_error)
+        raycast = settings.footprint == "raycast"
+        ellipses = None if raycast else Ellipses.of(projected, discs, camera, settings)
+        return cls(projected, camera, settings, discs, ellipses)
+
+    def coverage(self, hits: Hits, s: Array, filtered: bool) -> Coverage:
+        """Evaluate the footprint within its clip lines; an ellipse is widened by the low-pass filter if `filtered`."""
+        if self.ellipses is None:
+            return Coverage(hits.r_squared, hits.r, hits.scale_r, hits.margin)
+        return _cut(cover(self.ellipses, filtered, self.camera, s), hits.kept, hits.kept_margin)
+
+    def prefilter(self, hits: Hits, s: Array) -> Coverage:
+        """Evaluate the pre-filter "min" ([BHZK05] section 4) within the clip lines."""
+        return _cut(_prefilter(self.projected, self.camera, self.settings, s), hits.kept, hits.kept_margin)
+
+    def visibility_fragments(self, s: Array) -> Fragments:
+        """Return the fragments of the visibility pass, which takes no pre-filter and no low-pass filter."""
+        hits = intersect(self.discs, self.camera, s)
+        return self._fragments(hits, self.coverage(hits, s, filtered=False))
+
+    def attribute_fragments(self, s: Array) -> Fragments:
+        """Return the fragments of the attribute pass, r^2 = min(r3^2, r2^2) under the pre-filter "min"."""
+        hits = intersect(self.discs, self.camera, s)
+        footprint = self.coverage(hits, s, filtered=True)
+        return self._fragments(hits, footprint, self.prefilter(hits, s) if self.settings.prefilter == "min" else None)
+
+    def _fragments(self, hits: Hits, footprint: Coverage, prefilter: Coverage | None = None) -> Fragments:
+        """Join footprint and pre-filter; a fragment whose ray misses the disc takes the depth of the splat's center."""
+        r_squared, margin = footprint.r_squared, np.abs(footprint.margin)
+        if prefilter is not None:
+            margin = np.minimum(margin, np.where(r_squared <= 1, np.inf, np.abs(prefilter.margin)))
+            r_squared = np.minimum(r_squared, prefilter.r_squared)
+        if self.ellipses is not None:
+            margin = np.minimum(margin, np.where(r_squared <= 1, np.abs(hits.margin), np.inf))
+        on_disc, center_z = hits.r_squared <= 1, self.projected.center_eye[:, 2]
+        z = np.where(on_disc, hits.z, center_z)
+        scale_z = np.where(on_disc, hits.scale_z, np.abs(center_z) + TINY)
+        return Fragments(r_squared, z, scale_z, margin, on_disc, hits.u, hits.v)
+
+    def weight(self, f: Fragments) -> Array:
+        """Return the weights (P, N) of fragments, EWA's factor included; 0 where there is no fragment."""
+        weight, exists = np.zeros(f.r_squared.shape), f.r_squared <= 1
+        weight[exists] = kernel_weight(f.r_squared[exists], self.settings)
+        if self.ellipses is not None and self.settings.prefilter == "ewa":
+            weight *= self.ellipses.factor
+        return weight
+
+
+def _cut(coverage: Coverage, kept: Array, kept_margin: Array) -> Coverage:
+    """Remove the pixels that the clip lines do not keep."""
+    r_squared = np.where(kept, coverage.r_squared, np.inf)
+    return replace(coverage, r_squared=r_squared, margin=np.fmin(coverage.margin, kept_margin))
+
+
+def _prefilter(projected: ProjectedSplats, camera: Camera, settings: RenderSettings, s: Array) -> Coverage:
+    """Evaluate r2^2 = |p - p_c|^2 / prefilter_radius^2, +inf without a pre-filter; `s` as for `intersect`."""
+    radius, error = settings.prefilter_radius, projected.prefilter_error
+    p = to_raster(s, camera)
+    x, y = projected.prefilter_point.T
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        r_squared = ((p[..., 0] - x) ** 2 + (p[..., 1] - y) ** 2) / radius**2
+        r = np.sqrt(r_squared)
+        scale = 2 * r_squared + 4 * r * error / radius
+        margin = np.fmin((1 - r_squared) / (UNIT * scale), projected.facing_margin)
+    present = (projected.prefilter_margin >= 0) & ~projected.culled
+    margin = np.fmin(margin, projected.prefilter_margin)
+    return Coverage(np.where(present, r_squared, np.inf), r, r + 2 * error / radius, margin)
+
+
+def kernel_weight(r_squared: Array, settings: RenderSettings) -> Array:
+    """Return the weights (...) at r^2 (...) <= 1: exp(-cutoff^2 r^2 / 2), 1, or the table's sample."""
+    if settings.kernel == "constant":
+        return np.ones(r_squared.shape)
+    if settings.kernel == "gaussian":
+        return np.exp(-(settings.cutoff**2) * r_squared / 2)
+    table = np.asarray(settings.kernel_table)
+    position = np.sqrt(r_squared) * (len(table) - 1)
+    if settings.kernel_lookup == "nearest":
+        return table[np.floor(position + 0.5).astype(np.int64)]
+    return np.interp(position, np.arange(len(table)), table)

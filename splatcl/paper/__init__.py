@@ -1,1 +1,0 @@
-"""``splatcl paper``: the papers' claims, rerun; each experiment measures what a figure or a table shows."""

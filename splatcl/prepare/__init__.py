@@ -1,0 +1,1 @@
+"""Splats from raw data: points, meshes, normal fields, decimation."""

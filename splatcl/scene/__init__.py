@@ -1,0 +1,1 @@
+"""The input of a render: splats, camera, lights, settings."""

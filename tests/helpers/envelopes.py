@@ -1,0 +1,60 @@
+"""Settings, bounds and escapes for the tests of envelopes."""
+
+from __future__ import annotations
+
+import numpy as np
+from helpers.scenes import EPSILON, VIEWS
+
+from splatcl import RenderSettings, Splats
+from splatcl.evidence.host import envelope
+
+CHOICES = {
+    "default": RenderSettings(epsilon=EPSILON),
+    "culled": RenderSettings(epsilon=EPSILON, prefilter="none", facing="cull", along="ray"),
+    "first": RenderSettings(epsilon=0.0, prefilter_center="bounds", facing="flip"),
+    "nearest": RenderSettings(epsilon=EPSILON, kernel="table", kernel_table=(1.0, 0.8, 0.9, 0.1)),
+    "linear": RenderSettings(
+        epsilon=EPSILON, kernel="table", kernel_table=(1.0, 0.2, 0.9), kernel_lookup="linear", facing="flip"
+    ),
+}
+
+
+EVERY = [
+    (*view, choices)
+    for i, view in enumerate(VIEWS)
+    for choices in ("default", ("culled", "first", "nearest", "linear")[i % 4])
+]
+"""Every scene under every camera with the default settings, and with one other each."""
+
+
+BOUNDED = ("Z", "weight", "albedo", "N")
+
+
+def bounds(splats, camera, choices, **kwargs):
+    return envelope.envelope(splats, camera, choices, choices.epsilon, **kwargs)
+
+
+def escapes(limits, frame):
+    """Count the values of a frame that are outside the envelope, of those that have bounds; NaN is."""
+    return {
+        name: int(np.count_nonzero(~((frame[name] >= limits[f"{name}.lo"]) & (frame[name] <= limits[f"{name}.hi"]))))
+        for name in BOUNDED
+        if f"{name}.lo" in limits
+    }
+
+
+def rounded_otherwise(splats, view, seed):
+    """Splats whose every number a float32 renderer might have rounded otherwise on its way to eye space."""
+    rng = np.random.default_rng(seed)
+    distance = np.linalg.norm(splats.center - view.position, axis=1, keepdims=True)
+
+    def noise(values, size):
+        return values.astype(np.float64) + size * 2.0**-24 * rng.uniform(-1, 1, values.shape)
+
+    lengths = [np.linalg.norm(t, axis=1, keepdims=True) for t in (splats.tangent_u, splats.tangent_v)]
+    return Splats(
+        noise(splats.center, 2 * distance),
+        noise(splats.tangent_u, 2 * lengths[0]),
+        noise(splats.tangent_v, 2 * lengths[1]),
+        splats.color,
+    )

@@ -1,0 +1,23 @@
+"""Settings and groupings of work that each kernel is compiled for."""
+
+from __future__ import annotations
+
+import pytest
+
+SETTINGS = {
+    "no pre-filter, culled": {"prefilter": "none", "facing": "cull"},
+    "wide pre-filter about the bounds": {"prefilter_radius": 2.5, "prefilter_center": "bounds"},
+    "along the ray, flipped": {"along": "ray", "facing": "flip", "epsilon": 0.25},
+    "table": {"kernel": "table", "kernel_table": (1.0, 0.9, 0.4, 0.15, 0.1), "kernel_lookup": "linear"},
+    "auto": {"epsilon": "auto", "cutoff": 0.5},
+}
+
+
+def every_setting_and_grouping():
+    """All settings in the usual grouping and one in each of the others, which compile anew; the rest are slow."""
+    quick = {(1, 8): "no pre-filter, culled", (4, 32): "table"}
+    return [
+        pytest.param(settings, *grouping, marks=[] if quick.get(grouping, settings) == settings else pytest.mark.slow)
+        for grouping in ((8, 16), *quick)
+        for settings in SETTINGS
+    ]
