@@ -236,7 +236,8 @@ def test_our_own_division_and_square_root(monkeypatch, check):
 def test_another_rounding_is_noticed(monkeypatch, name):
     found = altered_kernels(monkeypatch, *ROUNDINGS[name])
     renderer = Renderer(allow_inexact=True)
-    assert golden.check(renderer, ["ordinary", "lights"]) != []
+    scene = "lights" if name == "library pow" else "culled"  # the latter has few programs
+    assert golden.check(renderer, [scene]) != []
     assert any(found)
 
 
