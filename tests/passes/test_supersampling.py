@@ -44,7 +44,7 @@ def windows(renderer, splats, settings):
 
     def render(camera, first):
         drawn.append(camera.width * camera.height)
-        return _draw_window(*renderer.prepare(resident, camera, settings, first), resident.epsilon(settings))
+        return _draw_window(*renderer.pass_inputs(resident, camera, settings, first), resident.epsilon(settings))
 
     return render, drawn
 

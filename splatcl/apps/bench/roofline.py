@@ -10,7 +10,7 @@ import numpy as np
 
 from splatcl.apps.timing import seconds_of
 from splatcl.opencl.device.strictness import Device
-from splatcl.opencl.device.structs import REAL
+from splatcl.opencl.device.structs import REAL_CODES
 from splatcl.scene.settings import Precision
 
 BUFFER_BYTES = 512 << 20
@@ -48,7 +48,7 @@ class Roofline:
     """
 
     def __init__(self, device: Device, num_bytes: int = BUFFER_BYTES, precision: Precision = "single") -> None:
-        real = np.dtype(REAL[precision])
+        real = np.dtype(REAL_CODES[precision])
         self._device, self._real = device, real
         self._lanes = device.lanes_of(real)
         on_cpu = device.mapping == "tile"
