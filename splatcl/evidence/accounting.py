@@ -5,21 +5,22 @@ A second render of the frame's splats, in a constant color, supplies the numbers
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from splatcl import oracle
+from splatcl.evidence.entries import expected_entries, list_faults, project_in_order
 from splatcl.opencl.aovs import DeviceAovs
 from splatcl.opencl.passes.attributes import attributes, fragment_arguments
 from splatcl.opencl.passes.bin import all_splats, bin
 from splatcl.opencl.passes.project import project
 from splatcl.opencl.passes.visibility import visibility
 from splatcl.opencl.session import Session, UploadedSplats
-from splatcl.opencl.state.buffers import Band, DepthBuffer, ProjectedSplats, Raster, TileLists
+from splatcl.opencl.state.buffers import Band, DepthBuffer, Raster
 from splatcl.opencl.state.context import PassContext, frame_buffers, shader_header
 from splatcl.opencl.state.upload import DeviceSplats
 from splatcl.scene.camera import Camera
@@ -103,14 +104,14 @@ def _account(
     recolored = replace(uploaded.splats, color=np.tile(CONSTANT_COLOR, (len(uploaded.splats), 1)))
     context, on_device = session.pass_inputs(session.upload(recolored), camera, settings)
     view, epsilon = context.view(on_device.origin), uploaded.epsilon(settings)
-    kept = _project_in_order(context, view, on_device)
-    expected = _expected_entries(kept, context.tile_size, context.tiles_x)
+    kept = project_in_order(context, view, on_device)
+    expected = expected_entries(kept, context.tile_size, context.tiles_x)
     depth, gbuffer = frame_buffers(context)
     faults: list[str] = []
     num_listed = 0
     for lists in bin(context, view, on_device):
         projected = project(context, view, on_device, lists)
-        faults += _list_faults(context, kept, expected, lists, projected)
+        faults += list_faults(context, kept, expected, lists, projected)
         num_listed += int(lists.begin[-1])
         visibility(context, lists, projected, depth)
         attributes(context, Band(view, lists, projected, depth, epsilon), gbuffer)
@@ -165,96 +166,6 @@ def _is_drawn(splat: Splats, camera: Camera, settings: RenderSettings) -> bool:
 
 
 # ---- binning: the list of each tile has every splat whose bounds touch the tile
-
-
-@dataclass(frozen=True)
-class _Projected:
-    """Splats that the projection keeps, in splat order, or the entries of a band."""
-
-    ids: Array  # (S,) uint32 splat indices
-    records: Array  # (S,) ProjectedSplat
-    attributes: Array  # (S,) SplatAttributes
-    boxes: Array  # (S, 4) int16 x_min y_min x_max y_max of footprint and pre-filter, whole pixels, ends included
-
-    @classmethod
-    def read(cls, context: PassContext, lists: TileLists, projected: ProjectedSplats) -> _Projected:
-        """Read the records of each entry of the lists."""
-        device, dtypes, num = context.device, context.dtypes, int(lists.begin[-1])
-        ids = device.read(lists.ids, (lists.start + num,), np.uint32)[lists.start :]
-        records = device.read(projected.records, (num,), dtypes["ProjectedSplat"])
-        attributes = device.read(projected.attributes, (num,), dtypes["SplatAttributes"])
-        return cls(ids, records, attributes, device.read(projected.boxes, (num, 4), np.int16))
-
-    def take(self, where: Array) -> _Projected:
-        """Return the rows at indices, or of a mask."""
-        return _Projected(*(getattr(self, field.name)[where] for field in fields(self)))
-
-
-@dataclass(frozen=True)
-class _Entries:
-    """Entries that the tile lists must have, by tile and then by splat."""
-
-    tile: Array  # (C,) row-major index
-    row: Array  # (C,) row of the splat in `_Projected`
-
-
-def _project_in_order(context: PassContext, view: Any, splats: DeviceSplats) -> _Projected:
-    """Project every splat, without tiles; return the splats that touch a pixel."""
-    parts = []
-    for lists in all_splats(context, splats.num_splats):
-        part = _Projected.read(context, lists, project(context, view, splats, lists))
-        parts.append(part.take(part.boxes[:, 0] <= part.boxes[:, 2]))
-    return _Projected(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(_Projected)))
-
-
-def _expected_entries(kept: _Projected, tile_size: int, tiles_x: int) -> _Entries:
-    """Return an entry for each kept splat and each tile that its bounds touch."""
-    x, y, x_last, y_last = (kept.boxes // tile_size).astype(np.int64).T
-    across = x_last - x + 1
-    num_tiles = across * (y_last - y + 1)
-    row = np.repeat(np.arange(len(num_tiles)), num_tiles)
-    nth = np.arange(len(row)) - np.repeat(np.cumsum(num_tiles) - num_tiles, num_tiles)
-    tile = (y[row] + nth // across[row]) * tiles_x + x[row] + nth % across[row]
-    order = np.argsort(tile, kind="stable")
-    return _Entries(tile[order], row[order])
-
-
-def _list_faults(
-    context: PassContext, kept: _Projected, entries: _Entries, lists: TileLists, projected: ProjectedSplats
-) -> Iterator[str]:
-    """Yield the faults of a band's lists: wrong order, missing splats, or wrong records."""
-    got = _Projected.read(context, lists, projected)
-    tile = np.repeat(np.arange(lists.first_tile, lists.last_tile), np.diff(lists.begin))
-    key = (tile.astype(np.int64) << 32) + got.ids
-    ends = np.searchsorted(entries.tile, (lists.first_tile, lists.last_tile))
-    tile, row = entries.tile[slice(*ends)], entries.row[slice(*ends)]
-    expected_key = (tile.astype(np.int64) << 32) + kept.ids[row]
-    if not (np.diff(key) > 0).all():
-        yield f"order in tiles {lists.first_tile} to {lists.last_tile - 1}"
-        return
-    at = np.minimum(np.searchsorted(key, expected_key), max(len(key) - 1, 0))
-    missing = key[at] != expected_key if len(key) else np.ones(len(expected_key), bool)
-    if missing.any():
-        yield f"{np.count_nonzero(missing)} splats not listed, the first in tile {tile[int(missing.argmax())]}"
-        return
-    expected, got = kept.take(row), got.take(at)
-    for name in ("records", "attributes", "boxes"):
-        wrong = _differ(getattr(got, name), getattr(expected, name))
-        if wrong.any():
-            yield f"{np.count_nonzero(wrong)} {name}, the first in tile {tile[int(wrong.argmax())]}"
-
-
-def _differ(a: Array, b: Array) -> Array:
-    """Return (N,) bool: True if any bit of a row differs; padding does not count."""
-    if a.dtype.names:
-        columns = [(a[name], b[name]) for name in a.dtype.names if name != "pad"]
-    else:
-        columns = list(zip(a.T, b.T, strict=True))
-    return np.logical_or.reduce([_bits(x) != _bits(y) for x, y in columns])
-
-
-def _bits(values: Array) -> Array:
-    return np.ascontiguousarray(values).view(f"u{values.itemsize}")
 
 
 def _check_binning(faults: list[str], num_expected: int, num_listed: int, num_tiles: int) -> Check:

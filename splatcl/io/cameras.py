@@ -1,4 +1,4 @@
-"""Camera files: JSON with intrinsics and extrinsics, axes named (docs/guide/cameras.md)."""
+"""Camera files: JSON with intrinsics, extrinsics and the name of the eye's axes (docs/guide/cameras.md)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MATRICES = ("eye_from_world", "world_from_eye")
 KEYS = (*REQUIRED, *OPTIONAL, *MATRICES)
 
 EYE_FROM_AXES = {"opencv": np.diag([1.0, 1.0, 1.0, 1.0]), "opengl": np.diag([1.0, -1.0, -1.0, 1.0])}
-"""Our eye space (x right, y down, z forward) from a file's eye axes."""
+"""(4, 4) transform from a file's eye space to splatcl's (x right, y down, z forward), by the name of the axes."""
 
 
 def read_camera(path: str | os.PathLike[str]) -> Camera:
@@ -30,14 +30,14 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     Parameters
     ----------
     path : path
-        JSON as docs/guide/cameras.md says.
+        A JSON file (docs/guide/cameras.md).
 
     Raises
     ------
     FileError
         The file cannot be read or is not JSON.
     CameraError
-        A key is missing, unknown, given twice or out of its range; the message names the file and the key.
+        A key is missing, unknown or given twice, or its value is out of range; the message names the file and the key.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
@@ -47,12 +47,12 @@ def read_camera(path: str | os.PathLike[str]) -> Camera:
     except CameraError:
         raise
     except (ValueError, RecursionError) as error:
-        raise FileError(f"{path}: not a JSON camera file ({error})") from None
+        raise FileError(f"{path}: not a JSON camera file ({' '.join(str(error).split())})") from None
     return camera_from_json(values, os.fspath(path))
 
 
 def write_camera(camera: Camera, path: str | os.PathLike[str]) -> None:
-    """Write a camera file; `read_camera` gives exactly the same camera back.
+    """Write a camera file; `read_camera` returns exactly the same camera.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def write_camera(camera: Camera, path: str | os.PathLike[str]) -> None:
 
 
 def camera_to_json(camera: Camera) -> dict[str, Any]:
-    """Return a camera as the content of a camera file: plain numbers, strings and lists."""
+    """Convert a camera to the content of a camera file: plain numbers, strings and lists."""
     values: dict[str, Any] = {
         key: getattr(camera, key) for key in ("projection", "width", "height", "fx", "fy", "cx", "cy", "near")
     }
@@ -77,23 +77,23 @@ def camera_to_json(camera: Camera) -> dict[str, Any]:
 
 
 def camera_from_json(values: Any, where: str) -> Camera:
-    """Return the camera that the content of a camera file describes.
+    """Make a camera of the content of a camera file.
 
     Parameters
     ----------
     values : object
-        What `json.loads` returned.
+        The result of `json.loads`.
     where : str
-        The file's name, for messages.
+        Name of the file, for messages.
 
     Raises
     ------
     CameraError
-        See `read_camera`.
+        As for `read_camera`.
     """
     matrix_key = _check_keys(values, where)
     if values["axes"] not in tuple(EYE_FROM_AXES):
-        raise CameraError(f"{where}: axes {values['axes']!r} is neither 'opencv' nor 'opengl'")
+        raise CameraError(f"{where}: axes {values['axes']!r} must be 'opencv' or 'opengl'")
     matrix = _matrix(values[matrix_key], f"{where}: {matrix_key}")
     if matrix_key == "world_from_eye":
         matrix = _rigid_inverse(matrix)
@@ -104,7 +104,7 @@ def camera_from_json(values: Any, where: str) -> Camera:
         arguments["far"] = _number(values["far"], f"{where}: far")
     projection = values.get("projection", "perspective")
     if not isinstance(projection, str):
-        raise CameraError(f"{where}: projection {projection!r} is not a string")
+        raise CameraError(f"{where}: projection {projection!r} must be a string")
     try:
         return Camera(EYE_FROM_AXES[values["axes"]] @ matrix, projection=projection, **arguments)  # type: ignore[arg-type]
     except CameraError as error:
@@ -115,45 +115,45 @@ def _unique(pairs: list[tuple[str, Any]], path: str | os.PathLike[str]) -> dict[
     keys = [key for key, _ in pairs]
     for key in keys:
         if keys.count(key) > 1:
-            raise CameraError(f"{path}: {key} is given twice")
+            raise CameraError(f"{path}: {key} is given twice; give it once")
     return dict(pairs)
 
 
 def _check_keys(values: Any, where: str) -> str:
-    """Return which of `MATRICES` is given."""
+    """Check the keys and return the one of the matrix."""
     if not isinstance(values, dict):
-        raise CameraError(f"{where}: a camera file holds one JSON object, not a {type(values).__name__}")
+        raise CameraError(f"{where}: a camera file must hold one JSON object, not a {type(values).__name__}")
     for key in values:
         if key not in KEYS:
-            raise CameraError(f"{where}: unknown key {key!r}; the known ones are {', '.join(KEYS)}")
+            raise CameraError(f"{where}: unknown key {key!r}; it must be one of {', '.join(KEYS)}")
     for key in REQUIRED:
         if key not in values:
-            raise CameraError(f"{where}: {key} is missing")
+            raise CameraError(f"{where}: {key} is missing; a camera file must have {', '.join(REQUIRED)}")
     given = [key for key in MATRICES if key in values]
     if len(given) != 1:
-        raise CameraError(f"{where}: give exactly one of eye_from_world and world_from_eye, not {len(given)}")
+        raise CameraError(f"{where}: must have exactly one of eye_from_world and world_from_eye, not {len(given)}")
     return given[0]
 
 
 def _number(value: Any, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise CameraError(f"{where} {value!r} is not a number")
+        raise CameraError(f"{where} {value!r} must be a number")
     if abs(value) > 1e300 or value != value:
-        raise CameraError(f"{where} is not a finite number")
+        raise CameraError(f"{where} must be a finite number")
     return value
 
 
 def _matrix(value: Any, where: str) -> NDArray[np.float64]:
     if not isinstance(value, list) or len(value) != 4:
-        raise CameraError(f"{where} is not a list of four rows")
+        raise CameraError(f"{where} must be a list of four rows")
     for row in value:
         if not isinstance(row, list) or len(row) != 4:
-            raise CameraError(f"{where} has a row that is not a list of four numbers")
+            raise CameraError(f"{where} must have rows of four numbers")
     return np.array([[_number(entry, where) for entry in row] for row in value], dtype=np.float64)
 
 
 def _rigid_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert a (4, 4) rigid transform by transposing its rotation; `Camera` rejects any other."""
+    """Invert a (4, 4) rigid transform by transposing its rotation; `Camera` rejects any other matrix."""
     inverse = matrix.copy()
     inverse[:3, :3] = matrix[:3, :3].T
     inverse[:3, 3] = -inverse[:3, :3] @ matrix[:3, 3]

@@ -1,4 +1,4 @@
-"""One OpenEXR file for a frame: every AOV, the camera as standard attributes, the rest as one JSON string."""
+"""A frame as one OpenEXR file: AOVs as channels, the camera as standard attributes, the rest as a JSON string."""
 
 from __future__ import annotations
 
@@ -31,12 +31,13 @@ MULTI_CHANNEL = {
     **{f"albedo.{end}": tuple(f"albedo.{end}.{c}" for c in "RGB") for end in ("lo", "hi")},
     **{f"N.{end}": tuple(f"N.{end}.{c}" for c in "XYZ") for end in ("lo", "hi")},
 }
-"""Channels of the AOVs that have several; any other AOV is one channel of its own name."""
+"""Channels of the AOVs with several; any other AOV is one channel with the AOV's name."""
 
 ATTRIBUTE = "splatcl"
-"""Name of the string attribute that holds the JSON."""
+"""Name of the string attribute with the JSON."""
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"
+"""First bytes of an OpenEXR file."""
 
 
 def write_exr(
@@ -46,9 +47,9 @@ def write_exr(
     settings: RenderSettings,
     metadata: Mapping[str, Any],
 ) -> None:
-    """Write every AOV of a frame as one multi-channel OpenEXR file (lossless ZIP).
+    """Write every AOV of a frame to one multi-channel OpenEXR file (lossless ZIP).
 
-    Floating-point AOVs become FLOAT channels, integer ones UINT. The same frame gives the same bytes.
+    Floating-point AOVs become FLOAT channels, integer AOVs become UINT channels. Equal frames give equal bytes.
 
     Parameters
     ----------
@@ -63,9 +64,9 @@ def write_exr(
     Raises
     ------
     FileError
-        The file cannot be written; what was at `path` is then as it was.
+        The file cannot be written; an existing file is unchanged.
     SplatclError
-        An AOV's shape is neither the image's nor that of the channels of its name.
+        The shape of an AOV differs from the image's size or its number of channels.
     """
     import OpenEXR
 
@@ -79,7 +80,7 @@ def write_exr(
     }
     with atomic_path(path) as temporary:
         try:
-            # Through a Python file: OpenEXR's own loses a write error in its last buffer (a full disk).
+            # A Python file, because OpenEXR's own one loses a write error in its last buffer (a full disk).
             with temporary.open("wb") as file:
                 _use_all_cores()
                 OpenEXR.File(header, channels).write(file)
@@ -88,21 +89,21 @@ def write_exr(
 
 
 def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], Camera | None, dict[str, Any]]:
-    """Read an OpenEXR file back.
+    """Read an OpenEXR file.
 
     Returns
     -------
     aovs : dict of (H, W) or (H, W, C) float32, float16 or uint32 array
-        By AOV name; a channel of no known AOV is an AOV of its own.
+        AOVs by name; a channel that belongs to no known AOV becomes an AOV.
     camera : Camera or None
-        Exactly the one written; None for a file that splatcl did not write.
+        Exactly the camera that was written; None for a file of another program.
     metadata : dict
-        The frame's metadata and "settings" and "versions"; empty for a file that splatcl did not write.
+        The frame's metadata, "settings" and "versions"; empty for a file of another program.
 
     Raises
     ------
     FileError
-        The file is missing, damaged or not OpenEXR.
+        The file is missing or damaged, or is not OpenEXR.
     """
     import OpenEXR
 
@@ -116,19 +117,19 @@ def read_exr(path: str | os.PathLike[str]) -> tuple[dict[str, NDArray[Any]], Cam
             text = image.header().get(ATTRIBUTE, "{}")
         description = json.loads(text)
         if not isinstance(description, dict):
-            raise FileError(f"{path}: its attribute {ATTRIBUTE} is not a JSON object")
+            raise FileError(f"{path}: its attribute {ATTRIBUTE} must be a JSON object")
     except OSError as error:
         raise FileError(f"{path}: cannot read: {error.strerror or error}") from error
     except FileError:
         raise
-    except (RuntimeError, ValueError) as error:  # OpenEXR drops the parts that it cannot decode
+    except (RuntimeError, ValueError) as error:  # OpenEXR drops parts that it cannot decode
         raise FileError(f"{path}: damaged or unsupported OpenEXR file ({error})") from None
     camera = description.pop("camera", None)
     return _group(planes), camera and camera_from_json(camera, os.fspath(path)), description
 
 
 def _use_all_cores() -> None:
-    """Let OpenEXR compress in as many threads as there are cores, unless the program has chosen a number."""
+    """Set OpenEXR's number of threads to the number of cores, unless the program has set one."""
     import OpenEXR
 
     if not OpenEXR.global_thread_count():
@@ -138,7 +139,7 @@ def _use_all_cores() -> None:
 
 @cache
 def _end_threads_before_fork() -> None:
-    """See to it, once, that no process forks with OpenEXR's threads: its child would wait for them for ever."""
+    """Register, once, that OpenEXR's threads end before a fork: the child would wait for them forever."""
     import OpenEXR
 
     os.register_at_fork(before=lambda: OpenEXR.set_global_thread_count(0))
@@ -161,9 +162,9 @@ def world_to_ndc(camera: Camera) -> NDArray[np.float32]:
     Returns
     -------
     (4, 4) float32
-        Acts on row vectors: world space to (x, y, z, w), where (x/w, y/w) is (0, 0) at the image's upper
-        left and (1, 1) at its lower right corner. The standard leaves z open; z/w is 1/Z of eye space
-        for a perspective camera and Z for an orthographic one, so that the matrix can be inverted.
+        Acts on row vectors: world space to (x, y, z, w), where (x/w, y/w) is (0, 0) at the image's upper left corner
+        and (1, 1) at its lower right corner. The standard leaves z open. Here z/w is 1/Z of eye space for a
+        perspective camera and Z for an orthographic one, so that the matrix can be inverted.
     """
     x, y = camera.fx / camera.width, camera.fy / camera.height
     center_x, center_y = camera.cx / camera.width, camera.cy / camera.height
@@ -175,11 +176,12 @@ def world_to_ndc(camera: Camera) -> NDArray[np.float32]:
 
 
 def _row_vector_matrix(matrix: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Transpose a matrix that acts on column vectors."""
     return np.ascontiguousarray(matrix.T, dtype=np.float32)
 
 
 def _planes(aov: str, values: NDArray[Any], camera: Camera) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield each channel of an AOV: its name and (H, W) contiguous float32 or uint32 (OpenEXR needs both)."""
+    """Yield the name and the (H, W) pixels of each channel of an AOV; OpenEXR needs contiguous float32 or uint32."""
     pixels = np.asarray(values)
     names = MULTI_CHANNEL.get(aov)
     size = (camera.height, camera.width)
@@ -194,6 +196,7 @@ def _planes(aov: str, values: NDArray[Any], camera: Camera) -> Iterator[tuple[st
 
 
 def _group(planes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    """Stack the channels of each AOV in `MULTI_CHANNEL`; the other channels stay as they are."""
     aovs = {}
     for aov, names in MULTI_CHANNEL.items():
         if all(name in planes for name in names):
@@ -202,6 +205,7 @@ def _group(planes: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def _describe(camera: Camera, settings: RenderSettings, metadata: Mapping[str, Any]) -> str:
+    """Return the JSON of the string attribute."""
     versions = {name: version(name) for name in ("splatcl", "numpy", "OpenEXR")}
     description = {
         **metadata,
@@ -213,7 +217,7 @@ def _describe(camera: Camera, settings: RenderSettings, metadata: Mapping[str, A
 
 
 def _plain(value: Any) -> Any:
-    """Return `value` with NumPy's types and non-finite floats (as "inf", "-inf", "nan") made JSON's."""
+    """Convert NumPy's types and non-finite floats (to "inf", "-inf", "nan") to JSON's types."""
     if isinstance(value, dict):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -226,16 +230,22 @@ def _plain(value: Any) -> Any:
 
 
 def from_json(hint: Any, value: Any) -> Any:
-    """Return a value of type `hint`, a dataclass or of what its fields may be, from what `dataclasses.asdict` wrote."""
+    """Rebuild a value from its `dataclasses.asdict` form in JSON; `hint` is a dataclass or the type of a field.
+
+    Raises
+    ------
+    TypeError
+        The form has an unknown field, or does not fit `hint`.
+    """
     options: list[Any] = [option for option in (hint, *get_args(hint)) if option not in (NoneType, Ellipsis)]
     if isinstance(value, dict):
         kind: Any = next((option for option in options if dataclasses.is_dataclass(option)), None)
         if kind is None:
-            raise TypeError(f"{value!r} where {hint} belongs")
+            raise TypeError(f"{value!r} must be {hint}")
         hints = get_type_hints(kind)
         unknown = sorted(set(value) - set(hints))
         if unknown:
-            raise TypeError(f"no {unknown[0]}")
+            raise TypeError(f"unknown field {unknown[0]}")
         return kind(**{name: from_json(hints[name], item) for name, item in value.items()})
     if isinstance(value, list):
         return tuple(from_json(options[-1], item) for item in value)

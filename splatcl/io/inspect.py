@@ -1,4 +1,4 @@
-"""inspect: what a file holds and what of it would be left out, before anything is estimated."""
+"""inspect: the content of a file and its unusable items, without making splats."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from splatcl.prepare.meshes import REASONS as TRIANGLE_REASONS
 from splatcl.prepare.meshes import invalid_triangles
 from splatcl.prepare.points import REASONS as POINT_REASONS
 from splatcl.prepare.points import estimate_spacing, invalid_points
-from splatcl.scene.splats import MAX_MAGNITUDE, invalid_splats
+from splatcl.scene.splats import MAX_MAGNITUDE, invalid_splats, reason_counts
 from splatcl.scene.splats import REASONS as SPLAT_REASONS
 
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """What a file holds.
+    """The content of a file.
 
     Parameters
     ----------
     path : Path
     format : str
-        For people: "PLY (ascii)".
+        Name of the format for people: "PLY (ascii)".
     num_points : int
-        Points, mesh vertices or splats.
+        Number of points, mesh vertices or splats.
     num_faces : int
-        Triangles.
+        Number of triangles.
     bounds : (2, 3) float64 array
-        Least and greatest corner of the usable points' bounding box, world space; zeros where there are none.
+        Least and greatest corner of the usable points' bounding box, world space; zeros without a usable point.
     attributes : tuple of str
-        Which of normals, color, radius, tangents and face color are present.
+        Those of normals, color, radius, tangents and face color that are present.
     spacing : float
-        Median distance of a point to its nearest neighbor, scene units; 0 where there is no neighbor.
+        Median distance from a point to its nearest distinct neighbor, scene units; 0 without one.
     skipped : tuple of (int, str)
-        How many points, triangles or splats ``read(path, on_invalid="drop")`` leaves out, and why.
+        Numbers of points, triangles or splats that ``read(path, on_invalid="drop")`` drops or skips, and the problems.
     notes : tuple of str
-        What reading converted, assumed or ignored.
+        One sentence for each conversion, assumption and omission of the reader.
     """
 
     path: Path
@@ -56,12 +56,12 @@ class Summary:
 
 
 def inspect(path: str | os.PathLike[str]) -> Summary:
-    """Read a file without making splats of it, and say what it holds.
+    """Read a file and summarize its content, without making splats.
 
     Raises
     ------
     FileError
-        As `read`.
+        The file cannot be read; as for `read`.
     """
     model = load_model(path)
     with np.errstate(invalid="ignore"):
@@ -87,6 +87,7 @@ def inspect(path: str | os.PathLike[str]) -> Summary:
 
 
 def _skipped(model: Model) -> tuple[tuple[int, str], ...]:
+    """Return the number of unusable items for each problem, and the problem."""
     kind: str
     reasons: tuple[str, ...]
     if model.tangents is not None:
@@ -100,7 +101,7 @@ def _skipped(model: Model) -> tuple[tuple[int, str], ...]:
     else:
         kind, reasons = "points", POINT_REASONS
         reason = invalid_points(model.points, model.normals, model.color, model.radius)
-    return tuple((int(n), f"{kind} with {reasons[r]}") for r, n in enumerate(np.bincount(reason)) if r and n)
+    return tuple((count, f"{kind} with {text}") for text, count in reason_counts(reason, reasons))
 
 
 def _color(model: Model) -> NDArray[np.floating]:

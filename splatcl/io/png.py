@@ -1,4 +1,4 @@
-"""The picture of a frame: 8-bit sRGB PNG with straight alpha."""
+"""A frame's color as an 8-bit sRGB PNG with straight alpha."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from splatcl.errors import SettingsError
 from splatcl.util.atomic import atomic_path
 
 MAX_EXPOSURE = 100.0
+"""Largest absolute exposure, stops."""
 BAND = 256
 """Rows converted at a time, so that large images need little extra memory."""
 
@@ -30,9 +31,9 @@ def write_png(path: str | os.PathLike[str], color: NDArray[Any], exposure: float
     Raises
     ------
     FileError
-        The file cannot be written; what was at `path` is then as it was.
+        The file cannot be written; an existing file is unchanged.
     SettingsError
-        `exposure` is not a number between -100 and 100.
+        `exposure` is not between -100 and 100.
     """
     data = encode_png(color, exposure)
     with atomic_path(path) as temporary:
@@ -40,7 +41,7 @@ def write_png(path: str | os.PathLike[str], color: NDArray[Any], exposure: float
 
 
 def encode_png(color: NDArray[Any], exposure: float = 0.0) -> bytes:
-    """Return the bytes of the PNG that `write_png` writes; the same pixels give the same bytes."""
+    """Return the bytes of `write_png`'s file; equal pixels give equal bytes."""
     import imageio.v3 as iio
 
     return iio.imwrite("<bytes>", to_srgb8(color, exposure), extension=".png", plugin="pillow")
@@ -59,7 +60,7 @@ def to_srgb8(color: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
     Returns
     -------
     (H, W, 4) uint8
-        Nearest of 256 levels; alpha is not curved.
+        The nearest of 256 levels; alpha stays linear.
     """
     check_exposure(exposure)
     gain = 2.0**exposure
@@ -75,6 +76,6 @@ def to_srgb8(color: NDArray[Any], exposure: float = 0.0) -> NDArray[np.uint8]:
 
 
 def check_exposure(exposure: float) -> None:
-    """Raise `SettingsError` unless `exposure` is a number of stops that a PNG can be made with."""
+    """Raise `SettingsError` if `exposure` is out of range, stops."""
     if not -MAX_EXPOSURE <= exposure <= MAX_EXPOSURE:
-        raise SettingsError(f"exposure {exposure} is not between -{MAX_EXPOSURE:g} and {MAX_EXPOSURE:g} stops")
+        raise SettingsError(f"exposure {exposure} must be between -{MAX_EXPOSURE:g} and {MAX_EXPOSURE:g} stops")

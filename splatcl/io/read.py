@@ -1,4 +1,4 @@
-"""read: choose the reader by a file's first bytes and extension, make splats of what it reads."""
+"""read: choose a reader by a file's first bytes and extension, and make splats of the model that it returns."""
 
 from __future__ import annotations
 
@@ -24,8 +24,11 @@ READERS = {
     ".obj": "obj.read_obj", ".off": "off.read_off", ".coff": "off.read_off", ".stl": "stl_glb.read_stl",
     ".glb": "stl_glb.read_glb",
 }  # fmt: skip
+"""Extension -> module and function in `splatcl.io.readers`."""
 MAGIC = {b"ply\n": ".ply", b"ply\r": ".ply", b"LASF": ".las", b"glTF": ".glb", b"PK\x03\x04": ".npz"}
+"""First four bytes of a file -> the extension of its type."""
 Z_UP = (".las", ".laz", ".ptx")
+"""Extensions of surveys: z points up."""
 
 
 def read(path: str | os.PathLike[str], on_invalid: OnInvalid = "error") -> Splats:
@@ -36,24 +39,24 @@ def read(path: str | os.PathLike[str], on_invalid: OnInvalid = "error") -> Splat
     path : path
         PLY, NPZ, XYZ, PWN, PTS, PTX, TXT, CSV, PCD, OBJ, OFF, STL, GLB, LAS, LAZ or glviz RAW.
     on_invalid : {"error", "drop"}
-        What to do with unusable points, triangles or splats; dropped ones are counted in the notes.
+        Treatment of unusable points, triangles or splats; a note counts the dropped ones.
 
     Returns
     -------
     Splats
-        Whole splats where the file has them; else estimated from its points or covering its triangles.
+        The splats of the file, or splats that cover its triangles, or splats estimated from its points.
 
     Raises
     ------
     FileError
         The file cannot be read; the message starts with its path and names the place and the remedy.
     InvalidSplatsError
-        Unusable points, triangles or splats.
+        Points, triangles or splats are unusable under ``on_invalid="error"``, or none is usable.
     SettingsError
-        No such `on_invalid`.
+        `on_invalid` has an unknown value.
     """
     if on_invalid not in get_args(OnInvalid):
-        raise SettingsError(f"on_invalid {on_invalid!r} is neither 'error' nor 'drop'")
+        raise SettingsError(f"on_invalid {on_invalid!r} must be 'error' or 'drop'")
     model = load_model(path)
     try:
         return _splats(model, on_invalid)
@@ -62,9 +65,9 @@ def read(path: str | os.PathLike[str], on_invalid: OnInvalid = "error") -> Splat
 
 
 def up_axis(path: str | os.PathLike[str]) -> Literal["y", "-y", "z"]:
-    """Return the axis that conventionally points up in files of this kind.
+    """Return the axis that points up by the convention of the file's type.
 
-    z in surveys, -y in Gaussians (they are trained with COLMAP's cameras, y down), else y.
+    It is z for surveys, -y for Gaussians (COLMAP's cameras have y down), and y for all other types.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -79,15 +82,16 @@ def up_axis(path: str | os.PathLike[str]) -> Literal["y", "-y", "z"]:
 
 
 def _kind(path: Path, head: bytes) -> str:
-    """Return the extension that stands for a file's type, by its first bytes where they tell."""
+    """Return the extension of a file's type, from its first bytes if they identify the type."""
     suffix = path.suffix.lower()
     return suffix if suffix in (".las", ".laz") else MAGIC.get(head[:4], suffix)
 
 
 def _splats(model: Model, on_invalid: OnInvalid) -> Splats:
+    """Make splats of a model; the errors are those of `read`, without the path."""
     if model.tangents is not None:
-        optional = {name: array for name, array in model.further.items() if name in OPTIONAL}
-        named = {n.removeprefix(PREFIX): array for n, array in model.further.items() if n.startswith(PREFIX)}
+        optional = {name: array for name, array in model.optional.items() if name in OPTIONAL}
+        named = {n.removeprefix(PREFIX): array for n, array in model.optional.items() if n.startswith(PREFIX)}
         return Splats(
             model.points,
             *model.tangents,
@@ -111,7 +115,7 @@ def _splats(model: Model, on_invalid: OnInvalid) -> Splats:
 
 
 def mesh_splats(model: Model, on_invalid: OnInvalid, make: Callable[..., Splats]) -> Splats:
-    """Return what `make`, called like `splatcl.meshes.splats_from_mesh`, makes of a model's triangles."""
+    """Make splats of a model's triangles by `make`, a function with the parameters of `splats_from_mesh`."""
     unused = len(model.points) - len(np.unique(np.asarray(model.faces)))
     per_face = model.face_color is not None
     return make(
@@ -121,16 +125,22 @@ def mesh_splats(model: Model, on_invalid: OnInvalid, make: Callable[..., Splats]
         model.normals,
         per_face=per_face,
         on_invalid=on_invalid,
-        notes=[*model.notes, *([f"left out {unused} vertices of no face"] if unused else [])],
+        notes=[*model.notes, *([f"dropped {unused} vertices without a face"] if unused else [])],
     )
 
 
 def load_model(path: str | os.PathLike[str]) -> Model:
-    """Read a file into a `Model` by the reader that its first bytes or its extension call for."""
+    """Read a file with the reader of its type; the type follows from the first bytes or the extension.
+
+    Raises
+    ------
+    FileError
+        The file cannot be read, or its type is unknown.
+    """
     path = Path(path)
     try:
         if path.is_dir():
-            raise FileError(f"{path}: is a directory; give a file in it")
+            raise FileError(f"{path}: is a folder; give a file in it")
         with path.open("rb") as stream:
             head = stream.read(16)
         if not head:
@@ -138,11 +148,11 @@ def load_model(path: str | os.PathLike[str]) -> Model:
         suffix = _kind(path, head)
         if suffix not in READERS:
             known = " ".join(sorted(name.lstrip(".") for name in READERS))
-            raise FileError(f"{path}: unknown file type {suffix or 'without an extension'}; known are {known}")
+            raise FileError(f"{path}: unknown file type {suffix or 'without an extension'}; it must be one of {known}")
         module, function = READERS[suffix].split(".")
         reader: Callable[[Path], Model] = getattr(importlib.import_module(f"splatcl.io.readers.{module}"), function)
         return reader(path)
     except OSError as error:
-        raise FileError(f"{path}: {error.strerror or error}") from error
+        raise FileError(f"{path}: cannot read: {error.strerror or error}") from error
     except MemoryError as error:
-        raise FileError(f"{path}: there is not enough memory to read it") from error
+        raise FileError(f"{path}: cannot read: out of memory") from error

@@ -157,7 +157,7 @@ def face_out_of_range(faces: NDArray[Any], num_vertices: int) -> str | None:
         return None
     face = int(np.flatnonzero(bad)[0])
     numbers = ", ".join(str(int(i)) for i in faces[face])
-    return f"face {face} refers to vertices {numbers}, but there are {num_vertices} (0 to {num_vertices - 1})"
+    return f"face {face} refers to vertices {numbers}; indices must be 0 to {num_vertices - 1}"
 
 
 def invalid_triangles(

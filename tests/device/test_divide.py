@@ -1,4 +1,4 @@
-"""Our own division and square root (kernels/arithmetic/divide.h) against NumPy's, which are the processor's: bit for bit."""
+"""Our own division and square root (kernels/arithmetic/divide.h) against NumPy's, the processor's own, bit for bit."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from helpers.scenes import CAMERAS, EPSILON, VIEWS
 import splatcl
 from splatcl import RenderSettings
 from splatcl.cli import FAILED, main
-from splatcl.evidence import accounting
+from splatcl.evidence import accounting, entries
 from splatcl.evidence.accounting import Check, color_bound
 from splatcl.frame import Frame
 from splatcl.io.exr import read_exr
@@ -110,8 +110,9 @@ def test_the_bound_is_about_two_roundings_a_fragment():
 
 def spoiled(monkeypatch, name, spoil):
     """Let the function `name` return what `spoil` makes of its arguments and its result."""
-    original = getattr(accounting, name)
-    monkeypatch.setattr(accounting, name, lambda *args: spoil(args, original(*args)))
+    for module in (accounting, entries):
+        if original := getattr(module, name, None):
+            monkeypatch.setattr(module, name, lambda *args, original=original: spoil(args, original(*args)))
 
 
 def rewrite(device, buffer, shape, dtype, change):

@@ -149,7 +149,9 @@ def test_settings_of_another_version_are_refused(frame, tmp_path, monkeypatch):
     describe = exr._describe
     monkeypatch.setattr(exr, "_describe", lambda *a: describe(*a).replace('"cutoff"', '"warp"'))
     frame.save(tmp_path / "new.exr")
-    with pytest.raises(SettingsError, match=r"new\.exr: has settings of another version of splatcl \(no warp"):
+    with pytest.raises(
+        SettingsError, match=r"new\.exr: has settings of another version of splatcl \(unknown field warp"
+    ):
         read_frame(tmp_path / "new.exr")
 
 

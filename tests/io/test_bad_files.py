@@ -14,7 +14,7 @@ from splatcl.io.inspect import inspect
 BAD = [
     ("a.ply", b"", "is empty"),
     ("a.xyz", b"", "is empty"),
-    ("a.e57", b"ASTM-E57", "unknown file type .e57; known are "),
+    ("a.e57", b"ASTM-E57", "unknown file type .e57; it must be one of "),
     ("a", b"hello", "unknown file type without an extension"),
     # PLY
     ("a.ply", b"hello", "the PLY header has no end_header line"),
@@ -26,20 +26,20 @@ BAD = [
     ("a.ply", PLY + "end_header\n" + XYZ_ROWS + "1 1 0\n", "line 11 follows the last of the 3 rows"),
     ("a.ply", PLY + FACE + XYZ_ROWS + "3 0 1 2\n\n3 1 2 0\n", "line 15 follows the last of the 4 rows"),
     ("a.ply", PLY.replace("\n", "\r\n") + "end_header\r\n" + XYZ_ROWS + "x\n", "line 11 follows the last of the 3"),
-    ("a.ply", PLY.replace("vertex 3", "vertex 0") + "end_header\n", "holds no points"),
-    ("a.ply", PLY.replace("float z", "float w") + "end_header\n" + XYZ_ROWS, "no element has properties x y z"),
+    ("a.ply", PLY.replace("vertex 3", "vertex 0") + "end_header\n", "has no points"),
+    ("a.ply", PLY.replace("float z", "float w") + "end_header\n" + XYZ_ROWS, "has no element with properties x y z"),
     ("a.ply", PLY.replace("float z", "quad z") + "end_header\n" + XYZ_ROWS, "not a readable PLY file"),
     ("a.ply", PLY.replace("ascii", "binary_little_endian") + "end_header\n" + "x" * 30, "row 2: early end-of-file"),
-    ("a.ply", PLY + FACE + XYZ_ROWS + "3 0 1 3\n", "face 0 refers to vertices 0, 1, 3, but there are 3"),
+    ("a.ply", PLY + FACE + XYZ_ROWS + "3 0 1 3\n", "face 0 refers to vertices 0, 1, 3; indices must be 0 to 2"),
     ("a.ply", PLY + FACE + XYZ_ROWS + "3 0 1 -1\n", "face 0 refers to vertices 0, 1, -1"),
     ("a.ply", PLY + FACE + XYZ_ROWS + "3 0 1\n", "element 'face': row 0"),
     ("a.ply", PLY + FACE.replace("vertex_indices", "corners") + XYZ_ROWS + "3 0 1 2\n", "no list vertex_indices"),
     # text
-    ("a.xyz", "0 0 0\n1 one 0\n", "line 2: 'one' is not a number"),
-    ("a.xyz", "0 0 0\n1 0\n", "line 2 has 2 numbers; a point needs x y z"),
+    ("a.xyz", "0 0 0\n1 one 0\n", "line 2: 'one' must be a number"),
+    ("a.xyz", "0 0 0\n1 0\n", "line 2 has 2 numbers; a point must have x y z"),
     ("a.xyz", "# c\n0 0 0\n\n1 0 0 0\n", "line 4 has 4 numbers but the lines before have 3"),
     ("a.xyz", "0 0 0 0 0\n", "5 numbers per line"),
-    ("a.xyz", "# nothing\n", "holds no points"),
+    ("a.xyz", "# nothing\n", "has no points"),
     ("a.xyz", b"0 0 0\n\0\n", "byte 6 is zero"),
     ("a.csv", "x,y,z,nx\n0,0,0\n", "4 columns are named but line 2 has 3 numbers"),
     ("a.pts", "5\n" + XYZ_ROWS, "line 1 announces 5 points but 3 follow"),
@@ -47,23 +47,23 @@ BAD = [
     ("a.ptx", PTX.format(3), "line 1 announces 3 points but 2 lines follow line 10"),
     ("a.ptx", PTX.format("two"), "line 1 does not begin a PTX scan"),
     ("a.ptx", PTX.format(2) + "junk\n", "line 13 does not begin a PTX scan"),
-    ("a.ptx", PTX.format(2).replace("0 1 0 0.5", "0 1 O 0.5"), "line 12: 'O' is not a number"),
+    ("a.ptx", PTX.format(2).replace("0 1 0 0.5", "0 1 O 0.5"), "line 12: 'O' must be a number"),
     # PCD
-    ("a.pcd", PCD.format(4), "POINTS 4, but 3 points are there"),
+    ("a.pcd", PCD.format(4), "POINTS 4, but 3 points; the header is wrong"),
     ("a.pcd", PCD.format(99999), "POINTS is 99999, but the file has only"),
     ("a.pcd", PCD.format(3).replace("x y z", "x y w"), "has no field z; its FIELDS are x y w"),
     ("a.pcd", PCD.format(3).replace("1 0 0\n0", "1 o 0\n0"), "not a readable PCD file"),
     ("a.pcd", "garbage", "not a readable PCD file"),
     # OBJ, OFF, STL, GLB, RAW
-    ("a.obj", "v 0 0 0\nv 1 o 0\n", "line 2: could not convert string to float: 'o'"),
+    ("a.obj", "v 0 0 0\nv 1 o 0\n", "line 2: 'o' must be a number"),
     ("a.obj", "v 0 0 0\nv 1 0\n", "line 2: 'v' has 2 numbers"),
-    ("a.obj", "v 0 0 0\nf 1 2 3\n", "face 0 refers to vertices 0, 1, 2, but there are 1"),
+    ("a.obj", "v 0 0 0\nf 1 2 3\n", "face 0 refers to vertices 0, 1, 2; indices must be 0 to 0"),
     ("a.obj", "v 0 0 0\nf 0 1 1\n", "line 2 refers to a vertex before the first"),
     ("a.obj", "v 0 0 0\nf -2 1 1\n", "line 2 refers to a vertex before the first"),
-    ("a.obj", "v 0 0 0\nf a b c\n", "line 2: invalid literal"),
-    ("a.obj", "v 0 0 0\nv 1 0 0 1 1 1\n", "some vertices have colours and some have not"),
-    ("a.obj", "hello\n", "holds no points"),
-    ("a.off", "5 3 0\n" + XYZ_ROWS, "begins with '5', not with one of OFF"),
+    ("a.obj", "v 0 0 0\nf a b c\n", "line 2: 'a' must be an integer"),
+    ("a.obj", "v 0 0 0\nv 1 0 0 1 1 1\n", "some vertices have no color; give all"),
+    ("a.obj", "hello\n", "has no points"),
+    ("a.off", "5 3 0\n" + XYZ_ROWS, "begins with '5'; it must begin with one of OFF"),
     ("a.off", "OFF\n", "line 1 must hold the numbers of vertices"),
     ("a.off", "OFF\n3 many 0\n" + XYZ_ROWS, "line 2 must hold the numbers of vertices"),
     ("a.off", "OFF\n3 1 0\n" + XYZ_ROWS, "announces 3 vertices and 1 faces but 3 lines follow"),
@@ -78,8 +78,8 @@ BAD = [
     ("a.raw", RAW[:-4] + b"\3\0\0\0", "face 0 refers to vertices 0, 1, 3"),
     ("a.raw", b"\xff\xff\xff\xff", "byte 0 announces 4294967295 vertices"),
     # LAS, NPZ
-    ("a.las", b"LASF", "does not begin with a LAS header"),
-    ("a.laz", b"hello" * 100, "does not begin with a LAS header"),
+    ("a.las", b"LASF", "has no LAS header"),
+    ("a.laz", b"hello" * 100, "has no LAS header"),
     ("a.npz", b"PK\3\4 and so on", "not a readable NPZ file"),
 ]  # fmt: skip
 
@@ -104,9 +104,9 @@ def test_blank_lines_may_follow_the_rows_of_a_ply(tmp_path):
 
 
 def test_missing_file_and_directory(tmp_path):
-    with pytest.raises(FileError, match=r"none\.ply: No such file"):
+    with pytest.raises(FileError, match=r"none\.ply: cannot read: No such file"):
         splatcl.read(tmp_path / "none.ply")
-    with pytest.raises(FileError, match="is a directory; give a file in it"):
+    with pytest.raises(FileError, match="is a folder; give a file in it"):
         splatcl.read(tmp_path)
 
 
@@ -143,7 +143,7 @@ def test_all_unusable_is_an_error_even_when_dropping(tmp_path):
 
 
 def test_unknown_on_invalid(tmp_path):
-    with pytest.raises(SettingsError, match="neither 'error' nor 'drop'"):
+    with pytest.raises(SettingsError, match="must be 'error' or 'drop'"):
         splatcl.read(tmp_path / "a.ply", on_invalid="ignore")  # type: ignore[arg-type]
 
 
@@ -156,7 +156,7 @@ def test_missing_library_is_named_with_its_remedy(tmp_path, monkeypatch, name, m
     kind = name[2:].upper()
     with pytest.raises(FileError) as caught:
         splatcl.read(tmp_path / name)
-    assert str(caught.value).endswith(f"reading {kind} needs {module}: pip install 'splatcl[{extra}]'")
+    assert str(caught.value).endswith(f"cannot read {kind} without {module}; pip install 'splatcl[{extra}]'")
 
 
 def test_glb_that_needs_an_unknown_extension(tmp_path):

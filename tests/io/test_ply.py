@@ -96,7 +96,7 @@ def test_ply_mesh_of_polygons_with_face_colors(tmp_path, form):
     faces = [[[0, 1, 3, 2], 0, 0, 255], [[1, 4, 3], 255, 0, 0], [[0, 1], 0, 255, 0]]
     file = ply(form, [("vertex", xyz(), rows(POINTS)), ("face", properties, faces)])
     splats = splatcl.read(put(tmp_path / "a.ply", file))
-    assert "left out 1 faces of fewer than 3 corners" in splats.notes
+    assert "dropped 1 faces of fewer than 3 corners" in splats.notes
     np.testing.assert_array_equal(np.unique(splats.color, axis=0), [[0, 0, 1], [1, 0, 0]])
     red = splats.center[splats.color[:, 0] == 1]
     assert (red[:, 0] > 1).all()
@@ -130,7 +130,7 @@ def test_gaussians_become_discs_of_the_two_longest_axes(tmp_path):
     close(splats.color, [[0.5739225, 0.2140411, 0.0]])  # sRGB 0.5 + 0.2820948 f_dc = 0.7820948, 0.5, below 0
     assert not splats.oriented
     assert splats.notes == (
-        "read Gaussians as opaque discs of 2 sigma; ignored opacity and view-dependent colour (f_rest)",
+        "read Gaussians as opaque discs of 2 sigma; ignored opacity and view-dependent color (f_rest)",
     )
 
 

@@ -52,7 +52,7 @@ def test_las(tmp_path, name, version, form):
         splats = splatcl.read(tmp_path / name)
         np.testing.assert_array_equal(splats.center, POINTS + origin)
         close(splats.color, expected)
-        assert ("colours are 8-bit values in 16-bit fields" in splats.notes) == (scale == 1)
+        assert ("took colors as 8-bit values in 16-bit fields" in splats.notes) == (scale == 1)
 
 
 def test_las_without_color(tmp_path):
@@ -63,7 +63,7 @@ def test_las_without_color(tmp_path):
     survey.write(tmp_path / "a.las")
     splats = splatcl.read(tmp_path / "a.las")
     close(splats.color, np.tile(DEFAULT_COLOR, (5, 1)))
-    assert "ignored colours: all are zero" in splats.notes
+    assert "ignored colors: all are zero" in splats.notes
 
 
 @pytest.mark.parametrize(
@@ -84,4 +84,4 @@ def test_a_cut_pcd_says_what_is_missing(tmp_path, encoding, missing):
     with pytest.raises(FileError) as caught:
         splatcl.read(path)
     assert str(caught.value).startswith(f"{path}: ") and missing in str(caught.value)
-    assert str(caught.value).endswith("the file was cut")
+    assert str(caught.value).endswith("the file is truncated")

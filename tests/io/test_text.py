@@ -64,11 +64,11 @@ def test_ptx_scans_are_placed_by_their_matrices(tmp_path):
     first = [[10, 1, 0], [8, 0, 0], [10, 0, 3]]  # a quarter turn about z, then the move; rows times matrix
     np.testing.assert_array_equal(splats.center, [*first, *np.add(first, (10, 0, 0))])
     close(splats.color[:3], linear([[255, 0, 10], [0, 0, 0], [128, 128, 128]]))
-    assert "left out 2 missing returns (points at 0 0 0)" in splats.notes
+    assert "dropped 2 missing returns (points at 0 0 0)" in splats.notes
 
 
-HOW = "took the {} numbers of a line as x y z {}; name them in the first line if they are not"
-COMMAS = "; commas separate numbers here: write decimal points, not commas"
+HOW = "took the {} numbers of a line as x y z {}; if wrong, name them in the first line"
+COMMAS = "; took commas as separators: write decimal points, not commas"
 
 
 @pytest.mark.parametrize(

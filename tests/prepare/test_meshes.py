@@ -150,7 +150,7 @@ def test_unusable_corners_are_reported_or_dropped():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"faces": np.array([[0, 1, 8]])}, "face 0 refers to vertices 0, 1, 8, but there are 8"),
+        ({"faces": np.array([[0, 1, 8]])}, "face 0 refers to vertices 0, 1, 8; indices must be 0 to 7"),
         ({"faces": np.array([[0, 1, -1]])}, "face 0 refers"),
         ({"faces": np.array([[0.0, 1, 2]])}, "faces are float64"),
         ({"faces": np.array([[0, 1, 2, 3]])}, "shape"),

@@ -126,6 +126,6 @@ def test_the_command_writes_splats_with_fields(capsys, tmp_path, monkeypatch):
     expected = normal_fields(plane(), 8)
     np.testing.assert_array_equal(splatcl.read("out.ply").normal_du, expected.normal_du)
     status, _, err = run(capsys, "fields plane.npz -o out.xyz")
-    assert status == 2 and err[0].endswith("splats are written as .ply or .npz, not .xyz")
+    assert status == 2 and err[0].endswith("cannot write .xyz; use .ply or .npz")
     status, _, err = run(capsys, "fields plane.npz -o out.ply --num-neighbors 2")
     assert status == 2 and err[0].startswith("splatcl: error: --num-neighbors is 2;")

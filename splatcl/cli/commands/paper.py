@@ -56,4 +56,4 @@ def paper(
         write_docs(docs, results)
     else:
         write_folder(output, results)
-    print(f"wrote {docs / 'paper.md' if docs else output / 'index.md'}")
+    print(f"wrote {docs / 'trust' / 'paper.md' if docs else output / 'index.md'}")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.errors import SettingsError
+from splatcl.evidence.host.means import Choices, greatest_mean, normalized, weight_bounds
 from splatcl.evidence.host.pairs import MAX_MARGIN, Fragments, Pairs, bands, fragments
 from splatcl.oracle.buffers import Array, ProjectedSplats
 from splatcl.oracle.geometry.fragments import kernel_weight
@@ -25,20 +26,8 @@ from splatcl.scene.splats import Splats
 
 TOLERANCE = 32.0
 """Default tolerance, in units of each decision's own rounding error."""
-MAX_STEPS = 64
-"""Most steps for a bound of a weighted mean; without convergence the bound of its values is used."""
 COARSE = ("float16", "unorm8")
 """Targets whose sums are too coarse for useful bounds."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Choices:
-    """Possible contributions of K pairs."""
-
-    sure: Array  # (K,) bool, accepted whichever way the uncertain decisions fall
-    possible: Array  # (K,) bool, accepted for some outcome of the uncertain decisions
-    weight_low: Array  # (K,)
-    weight_high: Array  # (K,)
 
 
 def envelope(
@@ -80,12 +69,12 @@ def envelope(
         may = _States.of(f, tolerance)
         choices, covered, depth = _choices(pairs, f, may, settings, tolerance)
         low[pairs.pixel, 0], high[pairs.pixel, 0] = depth
-        low[pairs.pixel, 1], high[pairs.pixel, 1] = _weights(pairs, choices)
+        low[pairs.pixel, 1], high[pairs.pixel, 1] = weight_bounds(pairs, choices)
         own, normals = color[pairs.splat], _normals(pairs, f, may, projected, settings, tolerance)
         least, most = (np.hstack([own, end]) for end in normals)
-        mean_low = -np.stack([_greatest_mean(pairs, choices, -least[:, k]) for k in range(6)], axis=1)
-        mean_high = np.stack([_greatest_mean(pairs, choices, most[:, k]) for k in range(6)], axis=1)
-        mean_low[:, 3:], mean_high[:, 3:] = _normalized(mean_low[:, 3:], mean_high[:, 3:])
+        mean_low = -np.stack([greatest_mean(pairs, choices, -least[:, k]) for k in range(6)], axis=1)
+        mean_high = np.stack([greatest_mean(pairs, choices, most[:, k]) for k in range(6)], axis=1)
+        mean_low[:, 3:], mean_high[:, 3:] = normalized(mean_low[:, 3:], mean_high[:, 3:])
         may_be_empty = ~covered[:, None]
         low[pairs.pixel, 2:] = np.where(may_be_empty, np.minimum(mean_low, 0.0), mean_low)
         high[pairs.pixel, 2:] = np.where(may_be_empty, np.maximum(mean_high, 0.0), mean_high)
@@ -149,7 +138,7 @@ def _depths(f: Fragments, may: _States, tolerance: float) -> tuple[tuple[Array, 
 
 def _choices(
     pairs: Pairs, f: Fragments, may: _States, settings: RenderSettings, tolerance: float
-) -> tuple[_Choices, Array, tuple[Array, Array]]:
+) -> tuple[Choices, Array, tuple[Array, Array]]:
     """Return each pair's choices, (P,) bool for pixels covered in any case, and (P,) bounds of the pixels' depth."""
     (hit_low, hit_high), (low, high) = _depths(f, may, tolerance)
     hit_low, sure_high = np.where(may.hit_possible, hit_low, np.inf), np.where(may.hit_sure, hit_high, np.inf)
@@ -165,7 +154,7 @@ def _choices(
     possible = (may.drawn_possible | may.filter_possible) & (low <= z_high + f.tolerance + slack)
     weight_low, weight_high = _pair_weights(f, may, settings, tolerance)
     may_be_front = may.hit_possible & (hit_low <= z_high)
-    choices = _Choices(sure, possible & (weight_high > 0), weight_low, weight_high)
+    choices = Choices(sure, possible & (weight_high > 0), weight_low, weight_high)
     drawn_if_hit = may.drawn_sure | (f.drawn is f.hit)
     certain = pairs.least(np.where(may_be_front, np.where(drawn_if_hit, weight_low, 0.0), np.inf)) > 0
     covered = np.isfinite(depth[1]) & certain | (pairs.total(np.where(sure, weight_low, 0.0)) > 0)
@@ -215,7 +204,7 @@ def _field(
     size = np.abs(along_u) + np.abs(along_v)
     error = tolerance * UNIT * (scale * size + 4 * (np.abs(normal) + size))
     middle = normal + u * along_u + v * along_v
-    low, high = _normalized(middle - error, middle + error)
+    low, high = normalized(middle - error, middle + error)
     low, high = np.where(possible, low, np.inf), np.where(possible, high, -np.inf)
     return np.where(sure, low, np.minimum(low, normal)), np.where(sure, high, np.maximum(high, normal))
 
@@ -242,51 +231,6 @@ def _table_range(settings: RenderSettings, r_low: Array, r_high: Array) -> tuple
         least, most = np.minimum(least[:-span], least[span:]), np.maximum(most[:-span], most[span:])
         span *= 2
     return low, high
-
-
-def _weights(pairs: Pairs, c: _Choices) -> tuple[Array, Array]:
-    """Return the (P,) least and greatest weight sum."""
-    rounding = 2 * UNIT * pairs.total(c.possible.astype(np.float64))
-    low, high = pairs.total(np.where(c.sure, c.weight_low, 0.0)), pairs.total(np.where(c.possible, c.weight_high, 0.0))
-    return low * (1 - rounding), high * (1 + rounding)
-
-
-def _greatest_mean(pairs: Pairs, c: _Choices, value: Array) -> Array:
-    """Return the (P,) greatest sum(w v) / sum(w), w in [weight_low, weight_high] if sure, else in [0, weight_high].
-
-    It is Dinkelbach's iteration: at a mean m, the best weights are the greatest where v > m and the least elsewhere.
-    """
-    highest = np.where(c.possible, c.weight_high, 0.0)
-    lowest = np.where(c.sure, c.weight_low, 0.0)
-    top = -pairs.least(np.where(c.possible, -value, np.inf))
-    mean = pairs.least(np.where(c.possible, value, np.inf))
-    for _ in range(MAX_STEPS):
-        weight = np.where(value > mean[pairs.run], highest, lowest)
-        total = pairs.total(weight)
-        step = pairs.total(weight * value) / np.where(total > 0, total, 1.0)
-        step = np.where(total > 0, np.maximum(step, mean), mean)
-        if np.array_equal(step, mean):
-            break
-        mean = step
-    else:
-        mean = top
-    rounding = 4 * UNIT * (pairs.total(c.possible.astype(np.float64)) + 4)
-    largest = -pairs.least(np.where(c.possible, -np.abs(value), 0.0))
-    return np.where(np.isfinite(mean), mean + rounding * largest, 0.0)
-
-
-def _normalized(low: Array, high: Array) -> tuple[Array, Array]:
-    """Return (P, 3) bounds of v / |v| for v in a box; -1 to 1 if the box contains 0."""
-    far2 = np.maximum(low**2, high**2)
-    near2 = np.where((low <= 0) & (high >= 0), 0.0, np.minimum(low**2, high**2))
-    others_far, others_near = far2.sum(axis=1, keepdims=True) - far2, near2.sum(axis=1, keepdims=True) - near2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        low_n = low / np.sqrt(low**2 + np.where(low >= 0, others_far, others_near))
-        high_n = high / np.sqrt(high**2 + np.where(high >= 0, others_near, others_far))
-    holds_zero = (near2 == 0).all(axis=1, keepdims=True)
-    nothing = (far2 == 0).all(axis=1, keepdims=True)
-    low_n, high_n = np.where(holds_zero, -1.0, low_n - 8 * UNIT), np.where(holds_zero, 1.0, high_n + 8 * UNIT)
-    return np.where(nothing, 0.0, low_n), np.where(nothing, 0.0, high_n)
 
 
 def _named(low: Array, high: Array, camera: Camera) -> dict[str, NDArray[np.float32]]:

@@ -1,1 +1,1 @@
-"""Readers, one file for each format; io/read.py chooses among them."""
+"""Readers, one module for each format; io/read.py chooses one."""

@@ -1,4 +1,4 @@
-"""Colors as files store them, to linear RGB."""
+"""Conversion of a file's colors to linear RGB."""
 
 from __future__ import annotations
 
@@ -9,21 +9,20 @@ from numpy.typing import NDArray
 
 
 def srgb_to_linear(color: NDArray[Any]) -> NDArray[np.float32]:
-    """Undo the sRGB transfer function (IEC 61966-2-1); values outside [0, 1] are clamped first."""
+    """Decode sRGB (IEC 61966-2-1) to linear RGB; values outside [0, 1] are clamped first."""
     c = np.clip(np.asarray(color, np.float64), 0.0, 1.0)
     return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
-def linear_color(color: NDArray[Any], note: list[str]) -> NDArray[Any]:
-    """Return linear RGB for color as a file stores it.
+def linear_color(color: NDArray[Any], notes: list[str]) -> NDArray[Any]:
+    """Convert a file's colors to linear RGB.
 
     Parameters
     ----------
     color : (N, 3) array
-        Integers are sRGB, of 8 bits if their type is or no value is above 255 in a type wider than 16, else of
-        16 bits. Floats are linear already.
-    note : list of str
-        Gets a sentence where the values do not look like what they are taken for.
+        Integers are sRGB of 8 or 16 bits (`is_8bit`); floats are linear.
+    notes : list of str
+        Receives a sentence about floats too large for linear colors.
 
     Returns
     -------
@@ -32,22 +31,21 @@ def linear_color(color: NDArray[Any], note: list[str]) -> NDArray[Any]:
     """
     if color.dtype.kind == "f":
         if color.size and np.nanmax(color, initial=0.0) > 16.0:
-            note.append(
-                f"float colors reach {np.nanmax(color):.6g} and were taken as linear; 8-bit colors "
-                "belong in integer properties"
+            notes.append(
+                f"took float colors up to {np.nanmax(color):.6g} as linear; store 8-bit colors as integer properties"
             )
         return color
     return linear_integers(color, 255 if is_8bit(color) else 65535)
 
 
 def linear_integers(color: NDArray[Any], white: int) -> NDArray[np.float32]:
-    """Return linear RGB for sRGB integers, from a table of all levels up to `white`; others are clamped."""
+    """Convert sRGB integers from 0 to `white` to linear RGB; other values are clamped."""
     table = srgb_to_linear(np.arange(white + 1) / white)
-    if color.dtype == np.min_scalar_type(white):  # needs no clamping
+    if color.dtype == np.min_scalar_type(white):  # no value needs clamping
         return table[color]
     return table.take(color, mode="clip")
 
 
 def is_8bit(color: NDArray[Any]) -> bool:
-    """Return whether integer colors have 255 as their white."""
+    """Return whether 255 is white: the type has 8 bits, or has more than 16 and no value is above 255."""
     return color.dtype.itemsize == 1 or (color.dtype.itemsize > 2 and color.max(initial=0) <= 255)

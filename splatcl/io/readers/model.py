@@ -1,11 +1,11 @@
-"""Model: what a file says, before anything is estimated; and the ways in which reading one fails."""
+"""Model: the content of a file before splats are made of it; and the errors of reading one."""
 
 from __future__ import annotations
 
 import errno
 import importlib
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,37 +17,46 @@ from numpy.typing import NDArray
 from splatcl.errors import FileError, SplatclError
 from splatcl.prepare.meshes import face_out_of_range
 
+XYZ, RGB = ("x", "y", "z"), ("red", "green", "blue")
+"""Names of the columns of a position and of a color."""
+
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """Points, a mesh or splats as a file holds them; colors are already linear.
+    """Points, a mesh or splats as in a file; colors are already linear.
 
     Parameters
     ----------
     path : Path
     format : str
-        For people: "PLY (ascii)".
+        Name of the format for people: "PLY (ascii)".
     points : (N, 3) float array
-        World space, scene units; float32 or float64 as the file has them.
+        Points, mesh vertices or centers of splats, world space, scene units; float32 or float64 as in the file.
     normals : (N, 3) float array, optional
+        World space, any length.
     color : (N, 3) float array, optional
         Linear RGB.
     radius : (N,) float array, optional
         Disc radii, scene units.
     tangents : pair of (N, 3) float arrays, optional
-        Tangent axes where the file holds whole splats.
-    further : dict of str to array
-        The optional arrays of whole splats by the names that `Splats` takes, attributes as ``attribute.NAME``.
+        Tangent axes of whole splats, world space, scene units.
+    optional : dict of str to array
+        Optional arrays of whole splats, named as in `Splats.optional`.
     faces : (F, 3) int64 array, optional
         Triangles, counter-clockwise seen from outside.
     face_color : (F, 3) float array, optional
         Linear RGB.
     oriented : bool
-        False where the signs of the splats' normals mean nothing.
+        False if the signs of the splats' normals are arbitrary.
     num_dropped : int
-        Invalid splats that were left out before the file was written.
+        Number of invalid splats dropped before the file was written.
     notes : tuple of str
-        What was converted, assumed or ignored.
+        One sentence for each conversion, assumption and omission.
+
+    Raises
+    ------
+    FileError
+        There are no points, or a face index is out of range.
     """
 
     path: Path
@@ -62,35 +71,52 @@ class Model:
     oriented: bool = True
     num_dropped: int = 0
     notes: tuple[str, ...] = ()
-    further: dict[str, NDArray[Any]] = field(default_factory=dict)
+    optional: dict[str, NDArray[Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.normals is not None and len(self.normals) and not self.normals.any():
             object.__setattr__(self, "normals", None)
             object.__setattr__(self, "notes", (*self.notes, "ignored normals: all are zero"))
         if not len(self.points) and self.tangents is None:
-            raise FileError(f"{self.path}: holds no points")
+            raise FileError(f"{self.path}: has no points")
         if self.faces is not None:
             problem = face_out_of_range(self.faces, len(self.points))
             if problem:
-                raise FileError(f"{self.path}: {problem}; the file is damaged or was cut")
+                raise FileError(f"{self.path}: {problem}; the file is damaged or truncated")
+
+
+def stack_columns(columns: Mapping[str, NDArray[Any]], names: Sequence[str]) -> Any:
+    """Stack the named (N,) columns to a native (N, K) array; return None if one is missing."""
+    if not all(name in columns for name in names):
+        return None
+    return np.stack([columns[name] for name in names], axis=1)
 
 
 def require(path: Path, module: str, extra: str) -> Any:
-    """Import an optional library, or say how to install it."""
+    """Import an optional library, or raise a `FileError` with the command that installs it."""
     try:
         return importlib.import_module(module)
     except ImportError:
         kind = path.suffix.lstrip(".").upper()
-        raise FileError(f"{path}: reading {kind} needs {module}: pip install 'splatcl[{extra}]'") from None
+        raise FileError(f"{path}: cannot read {kind} without {module}; pip install 'splatcl[{extra}]'") from None
 
 
 @contextmanager
-def foreign_errors(path: Path, what: str, notes: list[str]) -> Iterator[None]:
-    """Turn whatever a library raises into a `FileError`, and what it warns of into notes."""
+def foreign_errors(path: Path, kind: str, notes: list[str]) -> Iterator[None]:
+    """Turn any exception of a library into a `FileError`, and its warnings into notes.
+
+    Parameters
+    ----------
+    path : Path
+        The file that the library reads.
+    kind : str
+        The kind of file, for messages: "PLY file".
+    notes : list of str
+        Receives the warnings.
+    """
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        # Of use to the library's authors only.
+        # These two concern the library's authors only.
         warnings.simplefilter("ignore", ResourceWarning)
         warnings.simplefilter("ignore", DeprecationWarning)
         try:
@@ -98,15 +124,14 @@ def foreign_errors(path: Path, what: str, notes: list[str]) -> Iterator[None]:
         except (SplatclError, KeyboardInterrupt, SystemExit):
             raise
         except OSError as error:
-            if error.errno in (errno.EIO, errno.ENOSPC, errno.EDQUOT):  # no fault of the file
+            if error.errno in (errno.EIO, errno.ENOSPC, errno.EDQUOT):  # not the file's fault
                 raise
-            raise FileError(f"{path}: not a readable {what} ({_one_line(error)})") from None
+            raise FileError(f"{path}: not a readable {kind} ({_one_line(error)})") from None
         except MemoryError:
-            raise FileError(f"{path}: {what} asks for more memory than there is; its counts are damaged") from None
+            raise FileError(f"{path}: not a readable {kind}: its counts exceed the memory") from None
         except BaseException as error:  # a panic of lazrs is no Exception
-            raise FileError(f"{path}: not a readable {what} ({_one_line(error)})") from None
-    for text in sorted({f"{what}: {' '.join(str(w.message).split())[:300]}" for w in caught}):
-        notes.append(text)
+            raise FileError(f"{path}: not a readable {kind} ({_one_line(error)})") from None
+    notes.extend(sorted({f"{kind}: {' '.join(str(w.message).split())[:300]}" for w in caught}))
 
 
 def _one_line(error: BaseException) -> str:

@@ -1,4 +1,4 @@
-"""splatcl's own files: whole splats without loss, as a PLY that others can open or as NPZ."""
+"""Native files: whole splats without loss, as a PLY that other programs can open, or as NPZ."""
 
 from __future__ import annotations
 
@@ -10,58 +10,61 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.errors import FileError
-from splatcl.io.readers.model import Model, foreign_errors
+from splatcl.io.readers.model import Model, foreign_errors, stack_columns
 from splatcl.scene.splats import OPTIONAL, PREFIX
 
-GROUPS = {
+COLUMNS_OF = {
     "center": ("x", "y", "z"),
     "tangent_u": ("tu_x", "tu_y", "tu_z"),
     "tangent_v": ("tv_x", "tv_y", "tv_z"),
     "color": ("red", "green", "blue"),
 }
-FURTHER = {
+"""PLY properties of the required arrays."""
+OPTIONAL_COLUMNS_OF = {
     "normal_du": ("ndu_x", "ndu_y", "ndu_z"),
     "normal_dv": ("ndv_x", "ndv_y", "ndv_z"),
     "clip": tuple(f"clip{line}_{term}" for line in (0, 1) for term in "uv1"),
 }
-"""Properties of the optional arrays; an attribute's is attribute_NAME."""
-COLUMNS = frozenset(name for names in GROUPS.values() for name in names)
-COLUMN = "attribute_"
+"""PLY properties of the optional arrays."""
+COLUMNS = frozenset(name for names in COLUMNS_OF.values() for name in names)
+"""Properties that identify a native PLY."""
+ATTRIBUTE_COLUMN = "attribute_"
+"""Prefix of the PLY property of an attribute."""
 COMMENT = "splatcl"
-"""Begins the header comment; a JSON object of what is not in the arrays follows."""
+"""First word of the header comment; a JSON object with the other fields of `Splats` follows."""
 
 
 def from_columns(path: Path, kind: str, columns: dict[str, NDArray[Any]], comments: list[str]) -> Model:
-    """Return the splats of a PLY's columns; without our comment they are taken as oriented."""
-    arrays = {group: np.stack([columns[n] for n in names], axis=1) for group, names in GROUPS.items()}
-    for group, names in FURTHER.items():
+    """Make the splats of a PLY's columns; without splatcl's comment they count as oriented."""
+    arrays = {array: stack_columns(columns, names) for array, names in COLUMNS_OF.items()}
+    for array, names in OPTIONAL_COLUMNS_OF.items():
         given = [name for name in names if name in columns]
         if given and len(given) < len(names):
-            lacking = next(name for name in names if name not in columns)
-            raise FileError(f"{path}: has property {given[0]} but no {lacking}; {group} needs {' '.join(names)}")
+            missing = next(name for name in names if name not in columns)
+            raise FileError(f"{path}: has property {given[0]} but no {missing}; {array} needs {' '.join(names)}")
         if given:
-            array = np.stack([columns[name] for name in names], axis=1)
-            arrays[group] = array.reshape(-1, *OPTIONAL[group])
-    arrays |= {PREFIX + n.removeprefix(COLUMN): c for n, c in columns.items() if n.startswith(COLUMN)}
+            arrays[array] = stack_columns(columns, names).reshape(-1, *OPTIONAL[array])
+    attributes = {name: column for name, column in columns.items() if name.startswith(ATTRIBUTE_COLUMN)}
+    arrays |= {PREFIX + name.removeprefix(ATTRIBUTE_COLUMN): column for name, column in attributes.items()}
     words = [comment.partition(" ") for comment in comments]
     text = next((rest for first, _, rest in words if first == COMMENT and rest.startswith("{")), "{}")
     return _model(path, f"{kind[:-1]}, splatcl)", arrays, text)
 
 
 def read_npz(path: Path) -> Model:
-    """Read the NPZ that `write` writes.
+    """Read an NPZ file of `write`.
 
     Raises
     ------
     FileError
-        Damaged, or arrays are missing.
+        The file is damaged, or an array is missing or has a wrong shape.
     """
     with foreign_errors(path, "NPZ file", []), path.open("rb") as stream, np.load(stream) as archive:
-        missing = [name for name in GROUPS if name not in archive]
+        missing = [name for name in COLUMNS_OF if name not in archive]
         if missing:
-            have = " ".join(", ".join(archive).split())
-            raise FileError(f"{path}: has no array {missing[0]}; it needs {', '.join(GROUPS)} (and has {have})")
-        arrays = {n: archive[n] for n in archive if n in GROUPS or n in OPTIONAL or n.startswith(PREFIX)}
+            present = " ".join(", ".join(archive).split())
+            raise FileError(f"{path}: has no array {missing[0]}; it needs {', '.join(COLUMNS_OF)} (and has {present})")
+        arrays = {n: archive[n] for n in archive if n in COLUMNS_OF or n in OPTIONAL or n.startswith(PREFIX)}
         text = str(archive["splatcl"]) if "splatcl" in archive else "{}"
     for name, array in arrays.items():
         size = () if name.startswith(PREFIX) else OPTIONAL.get(name, (3,))
@@ -89,5 +92,5 @@ def _model(path: Path, kind: str, arrays: dict[str, NDArray[Any]], text: str) ->
         oriented=oriented,
         num_dropped=num_dropped,
         notes=notes,
-        further={name: array for name, array in arrays.items() if name not in GROUPS},
+        optional={name: array for name, array in arrays.items() if name not in COLUMNS_OF},
     )

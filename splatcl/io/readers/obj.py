@@ -1,7 +1,7 @@
 """OBJ meshes and points.
 
-trimesh reads OBJ as well, but rounds vertex colors to 8 bits, cuts lines of unequal length to the shortest
-without a word, and counts relative indices from the file's end; so vertices and faces are read here.
+trimesh reads OBJ too, but it rounds vertex colors to 8 bits, truncates lines of unequal length silently, and counts
+relative indices from the end of the file.
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 
 from splatcl.errors import FileError
 from splatcl.io.readers.color import linear_color
-from splatcl.io.readers.lines import number_lines, read_lines
+from splatcl.io.readers.lines import number_lines, parse_floats, parse_integers, read_lines
 from splatcl.io.readers.model import Model
 from splatcl.io.readers.polygons import triangulate
 
 WIDTHS = {3: 3, 4: 3, 6: 6, 7: 6}
-"""Numbers on a vertex line -> those that are used: x y z (w), or x y z r g b (a)."""
+"""Number of numbers on a vertex line, x y z (w) or x y z r g b (a) -> number of those that are used."""
 
 
 def read_obj(path: Path) -> Model:
-    """Read the vertices (with linear colors), faces and, for bare points, normals of an OBJ file.
+    """Read the vertices (with linear colors), the faces and, without faces, the normals of an OBJ file.
 
     Raises
     ------
     FileError
-        A vertex or face is not made of numbers or refers to nothing; the message names the line.
+        A word is not a number, or a face has an index out of range; the message names the line or the face.
     """
     rows: dict[str, list[list[float]]] = {"v": [], "vn": []}
     polygons: list[list[int]] = []
@@ -48,7 +48,8 @@ def read_obj(path: Path) -> Model:
     triangles, _ = triangulate(polygons, notes)
     normals = np.array(rows["vn"]) if rows["vn"] and not polygons and len(rows["vn"]) == len(vertices) else None
     if rows["vn"] and normals is None:
-        notes.append("ignored normals: winding gives the sides" if polygons else "ignored normals: not one a point")
+        reason = "the winding of faces decides" if polygons else "their number differs from that of points"
+        notes.append(f"ignored normals: {reason}")
     return Model(
         path,
         "OBJ (text)",
@@ -61,22 +62,17 @@ def read_obj(path: Path) -> Model:
 
 
 def _vertex(path: Path, number: int, key: str, words: list[str]) -> list[float]:
-    try:
-        values = [float(word) for word in words]
-    except ValueError as error:
-        raise FileError(f"{path}: line {number}: {error}") from None
+    """Return the used numbers of a vertex or normal line, 3 or 6."""
+    values = parse_floats(path, number, words)
     width = WIDTHS.get(len(values), 0) if key == "v" else 3 * (len(values) == 3)
     if not width:
-        raise FileError(f"{path}: line {number}: '{key}' has {len(values)} numbers; it needs 3 (or 6 with color)")
+        raise FileError(f"{path}: line {number}: '{key}' has {len(values)} numbers; it must have 3 (or 6 with color)")
     return values[:width]
 
 
 def _face(path: Path, number: int, words: list[str], num_vertices: int) -> list[int]:
-    """Return the vertex indices, from 0, of "f 1/2/3 4//5 -1"; a negative one counts from the last vertex."""
-    try:
-        corners = [int(word.partition("/")[0]) for word in words]
-    except ValueError as error:
-        raise FileError(f"{path}: line {number}: {error}") from None
+    """Return the vertex indices, from 0, of "f 1/2/3 4//5 -1"; a negative index counts from the last vertex."""
+    corners = parse_integers(path, number, [word.partition("/")[0] for word in words])
     if 0 in corners or any(corner < -num_vertices for corner in corners):
         raise FileError(f"{path}: line {number} refers to a vertex before the first; indices begin at 1")
     return [corner - 1 if corner > 0 else num_vertices + corner for corner in corners]
@@ -85,5 +81,5 @@ def _face(path: Path, number: int, words: list[str], num_vertices: int) -> list[
 def _vertices(path: Path, rows: list[list[float]]) -> NDArray[Any]:
     widths = {len(row) for row in rows}
     if widths == {3, 6}:
-        raise FileError(f"{path}: some vertices have colors and some have not; give all of them one or none")
+        raise FileError(f"{path}: some vertices have no color; give all vertices a color, or none")
     return np.array(rows, np.float64).reshape(len(rows), max(widths, default=3))

@@ -1,4 +1,4 @@
-"""OFF and COFF meshes. trimesh reads them without their colors."""
+"""OFF and COFF meshes; trimesh reads OFF too, but without colors."""
 
 from __future__ import annotations
 
@@ -10,35 +10,38 @@ from numpy.typing import NDArray
 
 from splatcl.errors import FileError
 from splatcl.io.readers.color import linear_color
-from splatcl.io.readers.lines import number_lines, read_lines
+from splatcl.io.readers.lines import number_lines, parse_floats, parse_integers, read_lines
 from splatcl.io.readers.model import Model
 from splatcl.io.readers.polygons import triangulate
 
 HEADERS = {"OFF": 3, "COFF": 3, "NOFF": 6, "CNOFF": 6}
-"""Numbers before the color on a vertex line."""
+"""Keyword of the header -> number of numbers before the color on a vertex line."""
 
 
 def read_off(path: Path) -> Model:
-    """Read an OFF file: vertices, polygons, and colors (integers are 8-bit sRGB, decimals linear) of either.
+    """Read the vertices, the polygons and the colors of either from an OFF file.
+
+    Integer colors are 8-bit sRGB; colors with a decimal point are linear.
 
     Raises
     ------
     FileError
-        No OFF header, counts that do not fit, or words that are no numbers; the message names the line.
+        The file has no OFF header, its counts are wrong, or a word is not a number; the message names the line.
     """
     lines = number_lines(read_lines(path))
     word, counts = _header(path, lines)
     num_vertices, num_faces = counts
     if num_vertices + num_faces > len(lines):
         raise FileError(
-            f"{path}: announces {num_vertices} vertices and {num_faces} faces but {len(lines)} lines follow; it was cut"
+            f"{path}: announces {num_vertices} vertices and {num_faces} faces but {len(lines)} lines follow; the file "
+            "is truncated"
         )
     vertices = _table(path, lines[:num_vertices])
     faces, face_color = _faces(path, lines[num_vertices : num_vertices + num_faces])
     notes: list[str] = []
     width = HEADERS[word]
     if vertices.shape[1] < width:
-        raise FileError(f"{path}: line {lines[0][0]} has {vertices.shape[1]} numbers; a vertex needs {width}")
+        raise FileError(f"{path}: line {lines[0][0]} has {vertices.shape[1]} numbers; a vertex must have {width}")
     color = vertices[:, width : width + 3] if vertices.shape[1] in (width + 3, width + 4) else None
     triangles, source = triangulate(faces, notes)
     return Model(
@@ -54,11 +57,11 @@ def read_off(path: Path) -> Model:
 
 
 def _header(path: Path, lines: list[tuple[int, str]]) -> tuple[str, tuple[int, int]]:
-    """Take the keyword and the counts off the front of `lines`."""
+    """Remove the header from `lines`; return its keyword and the numbers of vertices and faces."""
     word = lines[0][1].split()[0].upper() if lines else ""
     if word not in HEADERS:
         known = ", ".join(HEADERS)
-        raise FileError(f"{path}: begins with {word[:20]!r}, not with one of {known}")
+        raise FileError(f"{path}: begins with {word[:20]!r}; it must begin with one of {known}")
     rest = lines[0][1].split()[1:]
     number, text = lines.pop(0) if rest else lines.pop(1) if len(lines) > 1 else (1, "")
     if not rest:
@@ -74,42 +77,32 @@ def _header(path: Path, lines: list[tuple[int, str]]) -> tuple[str, tuple[int, i
 
 
 def _table(path: Path, lines: list[tuple[int, str]]) -> NDArray[np.float64]:
-    """Return the (N, C) numbers of lines that all have the same many."""
-    rows = [_floats(path, number, text) for number, text in lines]
+    """Return the (N, C) numbers of lines of equal length."""
+    rows = [parse_floats(path, number, text.split()) for number, text in lines]
     widths = [len(row) for row in rows]
     for (number, _), width in zip(lines, widths, strict=True):
         if width < 3 or width != widths[0]:
-            raise FileError(f"{path}: line {number} has {width} numbers; a vertex here has {max(3, widths[0])}")
+            raise FileError(f"{path}: line {number} has {width} numbers; a vertex must have {max(3, widths[0])}")
     return np.array(rows, np.float64).reshape(len(rows), max(widths, default=3))
 
 
-def _floats(path: Path, number: int, text: str) -> list[float]:
-    try:
-        return [float(word) for word in text.split()]
-    except ValueError as error:
-        raise FileError(f"{path}: line {number}: {error}") from None
-
-
 def _faces(path: Path, lines: list[tuple[int, str]]) -> tuple[list[list[int]], NDArray[np.float64] | None]:
-    """Return polygons, and (F, 3) colors where every face has one."""
+    """Return the polygons, and (F, 3) colors if every face has one."""
     polygons, colors = [], []
     for number, text in lines:
         words = text.split()
-        try:
-            size = int(words[0])
-            polygon = [int(word) for word in words[1 : 1 + size]]
-        except ValueError as error:
-            raise FileError(f"{path}: line {number}: {error}") from None
+        size = parse_integers(path, number, words[:1])[0]
+        polygon = parse_integers(path, number, words[1 : 1 + size])
         if size < 0 or len(polygon) != size:
             raise FileError(f"{path}: line {number} announces a face of {size} corners but has {len(polygon)}")
         polygons.append(polygon)
         rest = words[1 + size :]
         if len(rest) in (3, 4):
-            colors.append(_floats(path, number, " ".join(rest[:3])))
+            colors.append(parse_floats(path, number, rest[:3]))
     return polygons, np.array(colors) if colors and len(colors) == len(polygons) else None
 
 
 def _linear(color: NDArray[np.float64], lines: list[tuple[int, str]], notes: list[str]) -> Any:
-    """Return linear RGB: words without a point are bytes."""
+    """Convert colors to linear RGB: numbers without a decimal point are bytes, sRGB."""
     decimal = "." in lines[0][1].split()[-1] or color.max(initial=0) > 255 or color.min(initial=0) < 0
     return linear_color(color if decimal or not np.isfinite(color).all() else color.astype(np.uint8), notes)

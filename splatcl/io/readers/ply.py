@@ -13,37 +13,41 @@ from numpy.typing import NDArray
 from splatcl.errors import FileError
 from splatcl.io.readers import gaussians, native
 from splatcl.io.readers.color import linear_color
-from splatcl.io.readers.model import Model, foreign_errors
+from splatcl.io.readers.model import RGB, XYZ, Model, foreign_errors, stack_columns
 from splatcl.io.readers.polygons import triangulate, triangulate_strips
 
-XYZ, RGB = ("x", "y", "z"), ("red", "green", "blue")
 NORMALS = (("nx", "ny", "nz"), ("normal_x", "normal_y", "normal_z"))
+"""Names of the properties of a normal."""
 COLORS = (RGB, ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
+"""Names of the properties of a color."""
 INDEX_LISTS = ("vertex_indices", "vertex_index")
+"""Names of the list of a face's vertex indices."""
 FORMATS = {"<": "binary little-endian", ">": "binary big-endian"}
 HEADER = re.compile(rb"\A(.*?[\r\n])[ \t]*end_header[ \t]*(?:\r\n|\n|\r)", re.DOTALL)
 MAX_HEADER = 1 << 20
+"""Bytes in which a header is searched."""
 
 
 def read_ply(path: Path) -> Model:
-    """Read a PLY file: ASCII or binary of either byte order, with any further properties and elements.
+    """Read a PLY file: ASCII, or binary in either byte order; unknown properties and elements are ignored.
 
-    8- and 16-bit colors are sRGB and become linear; float colors are linear already.
+    8- and 16-bit colors are sRGB; float colors are linear.
 
     Raises
     ------
     FileError
-        The header or data are damaged or cut, or there are no x y z; the message names the element and row.
+        The header or the data are damaged or truncated, or no element has x y z; the message names the element and
+        the row.
     """
     notes: list[str] = []
     ply = _parse(path, notes)
     if ply.text:
         _check_end(path, sum(element.count for element in ply))
     elements = {element.name.lower(): element for element in ply}
-    names = [name for name in elements if {"x", "y", "z"} <= {p.name.lower() for p in elements[name].properties}]
+    names = [name for name in elements if set(XYZ) <= {p.name.lower() for p in elements[name].properties}]
     if not names:
-        have = ", ".join(f"{e.name} ({' '.join(p.name for p in e.properties)})" for e in ply) or "none"
-        raise FileError(f"{path}: no element has properties x y z; its elements are: {have[:300]}")
+        present = ", ".join(f"{e.name} ({' '.join(p.name for p in e.properties)})" for e in ply) or "none"
+        raise FileError(f"{path}: has no element with properties x y z; its elements are: {present[:300]}")
     vertex = "vertex" if "vertex" in names else names[0]
     columns = _columns(elements[vertex], scalar=True)
     kind = f"PLY ({FORMATS[ply.byte_order] if not ply.text else 'ascii'})"
@@ -61,7 +65,7 @@ def read_ply(path: Path) -> Model:
     return Model(
         path,
         kind,
-        _stack(columns, XYZ),
+        stack_columns(columns, XYZ),
         normals,
         None if color is None else linear_color(color, notes),
         None if radius is None else radius.astype(radius.dtype.newbyteorder("=")),
@@ -72,7 +76,7 @@ def read_ply(path: Path) -> Model:
 
 
 def _parse(path: Path, notes: list[str]) -> Any:
-    """Parse through plyfile; a header that it refuses is put in order and tried again."""
+    """Parse a file through plyfile; if it rejects the header, parse a copy with a mended one."""
     from plyfile import PlyHeaderParseError
 
     _check_counts(path)
@@ -83,7 +87,8 @@ def _parse(path: Path, notes: list[str]) -> Any:
             header = _header(path)
             if header is None:
                 raise
-            # Trailing blanks, mixed line ends and letters beyond ASCII; the copy is a file so that it can be mapped.
+            # plyfile rejects trailing blanks, mixed line ends and letters beyond ASCII. The copy must be a file to be
+            # mapped.
             with tempfile.NamedTemporaryFile(suffix=".ply") as copy:
                 lines = [line.rstrip() for line in re.split(rb"\r\n|\n|\r", header.group(1)) if line.strip()]
                 copy.write(re.sub(rb"[^\x00-\x7f]", b"?", b"\n".join([*lines, b"end_header", b""])))
@@ -96,7 +101,7 @@ def _read(path: Path) -> Any:
     from plyfile import PlyData, PlyElementParseError
 
     with path.open("rb") as stream:
-        try:  # Triangles of one size can be mapped, which is far faster.
+        try:  # faces of triangles only can be mapped, which is far faster
             return PlyData.read(stream, known_list_len={"face": dict.fromkeys(INDEX_LISTS, 3)})
         except PlyElementParseError as error:
             if "list length" not in str(error):
@@ -111,7 +116,7 @@ def _header(path: Path) -> re.Match[bytes] | None:
 
 
 def property_names(path: Path) -> frozenset[str]:
-    """Return the names of all properties in a file's header, in lower case; none where there is no header."""
+    """Return the names of all properties in a file's header, in lower case; no name without a header."""
     header = _header(path)
     found = re.findall(
         rb"^[ \t]*property[ \t].*?(\S+)[ \t]*$", header.group(1).replace(b"\r", b"\n") if header else b"", re.M
@@ -120,10 +125,13 @@ def property_names(path: Path) -> frozenset[str]:
 
 
 def _check_counts(path: Path) -> None:
-    """Refuse a header that announces fewer rows than 0, or more than the file has bytes and memory is set aside for."""
+    """Raise `FileError` if the header announces less than 0 rows, or more rows than the file has bytes.
+
+    plyfile would allocate memory for them.
+    """
     header = _header(path)
     if header is None:
-        raise FileError(f"{path}: the PLY header has no end_header line; the file is damaged or was cut")
+        raise FileError(f"{path}: the PLY header has no end_header line; the file is damaged or truncated")
     size = path.stat().st_size
     for index, line in enumerate(re.split(rb"\r\n|\n|\r", header.group(1)), 1):
         found = re.match(rb"\s*element\s+(\S+)\s+(-?\d+)", line)
@@ -138,7 +146,7 @@ def _check_counts(path: Path) -> None:
 
 
 def _check_end(path: Path, num_rows: int) -> None:
-    """Refuse lines after the last row of an ASCII file: its header announces too few."""
+    """Raise `FileError` if lines follow the last row of an ASCII file: its header announces too few rows."""
     header = _header(path)
     if header is None:
         return
@@ -148,12 +156,12 @@ def _check_end(path: Path, num_rows: int) -> None:
         if line.strip():
             raise FileError(
                 f"{path}: line {number} follows the last of the {num_rows} rows that the header announces; "
-                "correct its counts or remove what follows"
+                "correct its counts or remove the lines"
             )
 
 
 def _columns(element: Any, scalar: bool) -> dict[str, NDArray[Any]]:
-    """Return an element's properties by lower-case name, as the file has them; only scalars or only lists.
+    """Return the scalar properties of an element, or its list properties, by lower-case name.
 
     They are views of the mapped file, in its byte order; `np.stack` makes native copies.
     """
@@ -166,23 +174,19 @@ def _columns(element: Any, scalar: bool) -> dict[str, NDArray[Any]]:
     }
 
 
-def _stack(columns: dict[str, NDArray[Any]], names: tuple[str, ...]) -> NDArray[Any]:
-    return np.stack([columns[name] for name in names], axis=1)
-
-
 def _first(
     columns: dict[str, NDArray[Any]], groups: tuple[tuple[str, ...], ...], used: set[str]
 ) -> NDArray[Any] | None:
-    """Return the first group of columns that is complete, and mark it as used."""
+    """Stack the first group of names without a missing column, and add its names to `used`."""
     for names in groups:
-        if all(name in columns for name in names):
+        if (stacked := stack_columns(columns, names)) is not None:
             used.update(names)
-            return _stack(columns, names)
+            return stacked
     return None
 
 
 def _faces(path: Path, elements: dict[str, Any], notes: list[str]) -> tuple[Any, Any]:
-    """Return (F, 3) triangles and their (F, 3) stored colors; None where there are none."""
+    """Return (F, 3) triangles or None, and their (F, 3) stored colors or None."""
     if "tristrips" in elements:
         lists = _columns(elements["tristrips"], scalar=False)
         strips = next((lists[name] for name in INDEX_LISTS if name in lists), None)
@@ -193,7 +197,8 @@ def _faces(path: Path, elements: dict[str, Any], notes: list[str]) -> tuple[Any,
     lists = _columns(elements["face"], scalar=False)
     index = next((lists[name] for name in INDEX_LISTS if name in lists), None)
     if index is None:
-        raise FileError(f"{path}: element face has no list vertex_indices; its lists are: {', '.join(lists) or 'none'}")
+        present = ", ".join(lists) or "none"
+        raise FileError(f"{path}: element face has no list vertex_indices; its lists are: {present}")
     faces, source = triangulate(index, notes)
     color = _first(_columns(elements["face"], scalar=True), COLORS, set())
     return faces, None if color is None else color[source]

@@ -1,4 +1,4 @@
-"""Polygons and strips to triangles."""
+"""Conversion of polygons and strips to triangles."""
 
 from __future__ import annotations
 
@@ -9,18 +9,19 @@ from numpy.typing import NDArray
 
 
 def triangulate(polygons: Any, notes: list[str]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Cut polygons into fans of triangles.
+    """Convert polygons to fans of triangles.
 
     Parameters
     ----------
     polygons : (F, K) int array or sequence of F int sequences
         Vertex indices.
     notes : list of str
-        Gets a sentence about polygons of fewer than three corners, which are left out.
+        Receives a sentence about polygons of fewer than three corners, which are dropped.
 
     Returns
     -------
     triangles : (T, 3) int64 array
+        Vertex indices.
     source : (T,) int64 array
         The polygon of each triangle.
     """
@@ -28,7 +29,7 @@ def triangulate(polygons: Any, notes: list[str]) -> tuple[NDArray[np.int64], NDA
         return polygons.astype(np.int64), np.arange(len(polygons))
     size = np.array([len(polygon) for polygon in polygons], np.int64)
     if (size < 3).any():
-        notes.append(f"left out {np.count_nonzero(size < 3)} faces of fewer than 3 corners")
+        notes.append(f"dropped {np.count_nonzero(size < 3)} faces of fewer than 3 corners")
     flat = np.concatenate([np.asarray(p, np.int64) for p in polygons]) if len(size) else np.empty(0, np.int64)
     num = np.maximum(size - 2, 0)
     source = np.repeat(np.arange(len(size)), num)
@@ -38,7 +39,7 @@ def triangulate(polygons: Any, notes: list[str]) -> tuple[NDArray[np.int64], NDA
 
 
 def triangulate_strips(strips: list[Any]) -> NDArray[np.int64]:
-    """Return the (T, 3) triangles of strips, in which a negative index begins a new strip."""
+    """Convert strips to (T, 3) triangles; a negative index begins a new strip."""
     parts = [np.empty((0, 3), np.int64)]
     for strip in strips:
         index = np.asarray(strip, np.int64)
@@ -51,5 +52,5 @@ def triangulate_strips(strips: list[Any]) -> NDArray[np.int64]:
             parts.append(triangles)
     triangles = np.concatenate(parts)
     a, b, c = triangles.T
-    # Strips are joined by repeated corners, which are no triangles.
+    # Repeated corners join strips; they are no triangles.
     return triangles[(a != b) & (b != c) & (c != a)]

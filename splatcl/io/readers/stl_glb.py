@@ -1,4 +1,4 @@
-"""STL and GLB meshes through trimesh."""
+"""STL and GLB meshes, read through trimesh."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from splatcl.errors import FileError
 from splatcl.io.readers.model import Model, foreign_errors, require
 
 HARMLESS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "KHR_lights_")
-"""glTF extensions that do not change where the surface is."""
+"""Prefixes of the glTF extensions that do not move the surface."""
 
 
 def read_stl(path: Path) -> Model:
@@ -24,7 +24,7 @@ def read_stl(path: Path) -> Model:
     Raises
     ------
     FileError
-        trimesh is missing, or the file is damaged or cut.
+        trimesh is missing, or the file is damaged or truncated.
     """
     data = path.read_bytes()
     announced = int.from_bytes(data[80:84], "little")
@@ -32,18 +32,20 @@ def read_stl(path: Path) -> Model:
     if not binary and b"facet" not in data.lower():
         raise FileError(
             f"{path}: byte 80 announces {announced} triangles, which take {84 + 50 * announced} bytes, but the "
-            f"file has {len(data)}; it is cut, or no STL file"
+            f"file has {len(data)}; it is truncated, or no STL file"
         )
     notes: list[str] = []
     model = _model(path, f"STL ({'binary' if binary else 'ascii'})", _scene(path, data, "stl", notes), notes)
     num = 0 if model.faces is None else len(model.faces)
     if not binary and data.lower().count(b"vertex") != 3 * num:
-        raise FileError(f"{path}: has {data.lower().count(b'vertex')} vertex lines but {num} whole triangles")
+        raise FileError(
+            f"{path}: has {data.lower().count(b'vertex')} vertex lines but {num} whole triangles; the file is truncated"
+        )
     return model
 
 
 def read_glb(path: Path) -> Model:
-    """Read all meshes and points of a GLB scene, each placed by its nodes; colors are linear.
+    """Read all meshes and points of a GLB scene, each transformed by its nodes; colors are linear.
 
     Raises
     ------
@@ -57,7 +59,7 @@ def read_glb(path: Path) -> Model:
         needed = [name for name in header.get("extensionsRequired", []) if not str(name).startswith(HARMLESS)]
         images = len(header.get("images", []))
     if needed:
-        raise FileError(f"{path}: needs the glTF extension {needed[0]}, which is not supported; export without it")
+        raise FileError(f"{path}: needs the glTF extension {needed[0]}, which splatcl cannot read; export without it")
     if images:
         notes.append(f"ignored {images} texture images")
     return _model(path, "GLB", _scene(path, data, "glb", notes), notes)
@@ -65,13 +67,13 @@ def read_glb(path: Path) -> Model:
 
 def _scene(path: Path, data: bytes, kind: str, notes: list[str]) -> Any:
     trimesh = require(path, "trimesh", "mesh")
-    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # its tracebacks of what it then mends
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # it logs tracebacks of errors that it mends
     with foreign_errors(path, f"{kind.upper()} file", notes):
         return trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
 
 
 def _model(path: Path, kind: str, scene: Any, notes: list[str]) -> Model:
-    """Join a scene's geometry in world space."""
+    """Join the geometry of a scene in world space."""
     parts, faces, start, skipped = [], [], 0, 0
     with foreign_errors(path, kind, notes):
         for node in sorted(scene.graph.nodes_geometry):
@@ -82,10 +84,12 @@ def _model(path: Path, kind: str, scene: Any, notes: list[str]) -> Model:
                 skipped += 1
                 continue
             triangles = np.asarray(getattr(geometry, "faces", np.empty((0, 3))), np.int64).reshape(-1, 3)
-            if np.linalg.det(matrix[:3, :3]) < 0:  # a mirror turns the winding
+            if np.linalg.det(matrix[:3, :3]) < 0:  # a mirroring transform reverses the winding
                 triangles = triangles[:, ::-1]
             if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(vertices)):
-                raise FileError(f"{path}: mesh {name} has a face index beyond its {len(vertices)} vertices")
+                raise FileError(
+                    f"{path}: mesh {name} has a face index beyond its {len(vertices)} vertices; the file is damaged"
+                )
             with np.errstate(invalid="ignore", over="ignore"):
                 parts.append((vertices @ matrix[:3, :3].T + matrix[:3, 3], _color(geometry)))
             faces.append(triangles + start)
@@ -93,7 +97,7 @@ def _model(path: Path, kind: str, scene: Any, notes: list[str]) -> Model:
     if skipped:
         notes.append(f"ignored {skipped} lines or curves")
     if not parts:
-        raise FileError(f"{path}: holds no points")
+        raise FileError(f"{path}: has no points")
     colors = [color for _, color in parts]
     color = None
     if any(c is not None for c in colors):
@@ -111,7 +115,7 @@ def _model(path: Path, kind: str, scene: Any, notes: list[str]) -> Model:
 
 
 def _color(geometry: Any) -> NDArray[np.float32] | None:
-    """Return (V, 3) linear colors of the vertices, else of the material, or None."""
+    """Return (V, 3) linear RGB of the vertices, else the material's color, else None."""
     visual = geometry.visual
     factor = getattr(getattr(visual, "material", None), "baseColorFactor", None)
     color = None
@@ -119,6 +123,6 @@ def _color(geometry: Any) -> NDArray[np.float32] | None:
         color = np.tile(np.asarray(factor[:3], np.float32) / np.float32(255), (len(geometry.vertices), 1))
     if getattr(visual, "kind", None) == "vertex":
         stored = np.asarray(visual.vertex_colors, np.float32)
-        if stored.shape == (len(geometry.vertices), 4):  # points without colors have an odd shape
+        if stored.shape == (len(geometry.vertices), 4):  # points without colors have another shape
             color = stored[:, :3] / np.float32(255)
     return color
