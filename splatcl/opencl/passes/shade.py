@@ -114,7 +114,7 @@ def light_arguments(context: PassContext, structs: tuple[Any, Any], shadows: Sha
     structs : tuple
         As `shading_structs` returns them.
     shadows : Shadows, optional
-        As `passes.shadow.shadow` returns them.
+        As `shadow.shadow` returns them.
 
     Raises
     ------
