@@ -1,4 +1,4 @@
-"""Times of what is compared, taken turn by turn, so that the machine's moods meet all of it alike."""
+"""Time the candidates in turn, so that load on the machine affects all of them equally."""
 
 from __future__ import annotations
 
@@ -12,41 +12,42 @@ import numpy as np
 from splatcl.util.progress import Advance
 
 MIN_FRAMES = 3
-"""Samples that even the slowest configuration gets."""
+"""Least number of samples of a job."""
 
 Seconds = Mapping[str, float]
+"""Times by name, seconds."""
 
 
 @dataclass(frozen=True)
 class Spread:
-    """Samples of one time, seconds, in the order they were taken."""
+    """Samples of one time, seconds, in the order of measurement."""
 
     samples: tuple[float, ...]
 
     @property
     def median(self) -> float:
-        """Seconds."""
+        """Median of the samples, seconds."""
         return float(np.median(self.samples))
 
     @property
     def quartiles(self) -> tuple[float, float]:
-        """Seconds: a quarter of the samples is below the first, a quarter above the second."""
+        """First and third quartile of the samples, seconds."""
         low, high = np.quantile(self.samples, (0.25, 0.75))
         return float(low), float(high)
 
     @property
     def minimum(self) -> float:
-        """Seconds."""
+        """Least sample, seconds."""
         return min(self.samples)
 
     def as_json(self) -> dict[str, Any]:
-        """Return everything, in seconds."""
+        """Return the statistics and the samples as JSON's types, seconds."""
         low, high = self.quartiles
         return {"median": self.median, "q1": low, "q3": high, "min": self.minimum, "samples": list(self.samples)}
 
 
 def seconds_of(work: Callable[[], object]) -> float:
-    """Return how long a call takes."""
+    """Return the duration of a call, seconds."""
     start = time.perf_counter()
     work()
     return time.perf_counter() - start
@@ -55,18 +56,18 @@ def seconds_of(work: Callable[[], object]) -> float:
 def turn_by_turn(
     jobs: Sequence[Callable[[], Seconds]], rounds: int, max_seconds: float, advance: Advance
 ) -> list[dict[str, Spread]]:
-    """Run every job once a round, and return the spread of each of the times that each returns.
+    """Run all jobs in turn, once in each round; return the spreads of each job's times.
 
     Parameters
     ----------
     jobs : sequence of callable
-        Each returns times by name.
+        Functions that return times by name, seconds.
     rounds : int
-        Samples of each.
+        Number of rounds: samples of each time.
     max_seconds : float
-        After that many seconds no further round starts, from the `MIN_FRAMES`th on.
+        Time after which no round starts, seconds; `MIN_FRAMES` rounds always run.
     advance : callable
-        Of `progress.stage`, called with 1 after each job.
+        The function of `progress.stage`; it is called with 1 after each job.
     """
     samples: list[list[Seconds]] = [[] for _ in jobs]
     start = time.perf_counter()

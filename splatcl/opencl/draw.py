@@ -108,7 +108,7 @@ def _draw_window(
 def _metadata(
     session: Session, uploaded: UploadedSplats, settings: RenderSettings, shadows: Shadows | None
 ) -> dict[str, Any]:
-    """Return what a frame records of its render."""
+    """Return the metadata of a render."""
     splats, device = uploaded.splats, session.device
     return {
         "epsilon": uploaded.epsilon(settings),

@@ -31,9 +31,9 @@ NUM_CORNERS = 32
 def decimate(splats: Splats, error: float, *, angle: float = ANGLE, fields: bool = False) -> Splats:
     """Cover splats with fewer, larger ones.
 
-    Some output splat covers each input splat: the input's center is within `error` of its plane, the input's normal
-    is within `angle` of its normal, and its ellipse contains the projection of the input's disc. Therefore discs
-    without holes become ellipses without holes. Colors and attributes are means, weighted by the discs' areas.
+    Some output splat covers each input splat: its plane is within `error` of the input's center, and its normal is
+    within `angle` of the input's normal. Its ellipse contains the projection of the input's disc, so discs without
+    holes become ellipses without holes. Colors and attributes are means, weighted by the discs' areas.
 
     Parameters
     ----------

@@ -95,8 +95,8 @@ def normal_fields(splats: Splats, num_neighbors: int = NUM_NEIGHBORS) -> Splats:
 def fit_normal_fields(splats: Splats, points: ArrayLike, normals: ArrayLike) -> Splats:
     """Fit the normal field of each splat to the normals of the points of a dense scan over it.
 
-    A point is over a disc if it projects into the disc, its distance from the plane is at most half the disc's
-    radius, and its normal is within 60 degrees of the disc's. It has the reconstruction filter's weight exp(-2 r^2).
+    A point is over a disc if it projects into the disc, at most half the disc's radius from its plane. The two normals
+    must be within 60 degrees. A point has the reconstruction filter's weight exp(-2 r^2).
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ def test_without_a_scan_its_row_is_skipped(run, monkeypatch, tmp_path):
         ("--only nothing", "there are cull"),
         ("--against llvmpipe --plot a.png", "--against and --plot cannot be combined; remove one"),
         ("--against mesa", "llvmpipe"),
-        ("--plot a.jpg", "a.jpg does not end in .png"),
+        ("--plot a.jpg", "a.jpg must end in .png"),
         ("--plot none/a.png", "none/a.png: cannot write"),
         ("--output none/a.json", "none/a.json: cannot write"),
         ("--device nowhere", "nowhere"),

@@ -56,7 +56,7 @@ def caused(error, cause):
         (caused(FileError("o.exr: cannot write: No space left on device"), OSError(errno.ENOSPC, "")), FAILED),
         (caused(FileError("s.ply: Input/output error"), OSError(errno.EIO, "")), FAILED),
         (caused(FileError("s.ply: there is not enough memory to read it"), MemoryError()), FAILED),
-        (caused(DeviceError("kernels/bin.cl does not build"), RuntimeError()), FAILED),
+        (caused(DeviceError("kernels/passes/bin.cl does not build"), RuntimeError()), FAILED),
         (caused(FileError("s.ply: No such file"), FileNotFoundError(errno.ENOENT, "")), MISTAKE),
         (caused(FileError("s.ply: Permission denied"), PermissionError(errno.EACCES, "")), MISTAKE),
         (caused(FileError("s.ply: not a readable PLY file"), ValueError()), MISTAKE),

@@ -83,6 +83,7 @@ def test_renders_with_other_rounding_are_inside(scene, camera, choices, seed):
     assert escapes(bounds(splats, view, CHOICES[choices]), rounded) == NONE
 
 
+@pytest.mark.usefixtures("renderer")  # it remembers the arithmetic of careful builds
 @pytest.mark.parametrize(
     "flags",
     ["-cl-fast-relaxed-math", pytest.param("-cl-mad-enable -cl-unsafe-math-optimizations", marks=pytest.mark.slow)],

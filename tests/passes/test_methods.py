@@ -61,14 +61,24 @@ def compare(renderer, splats, camera, settings, masked=MASKED_METHODS):
     return frame, want, sure & covered
 
 
-@pytest.mark.parametrize("method", ["zwicker04", "zwicker01", "botsch04", "botsch03"])
-def test_methods_against_the_oracle(renderer, method):
+@pytest.mark.parametrize(
+    ("method", "facing"),
+    [
+        ("zwicker04", "keep"),
+        ("zwicker01", "cull"),
+        ("botsch04", "keep"),
+        ("botsch03", "cull"),
+        pytest.param("zwicker01", "keep", marks=pytest.mark.slow),
+        pytest.param("botsch03", "keep", marks=pytest.mark.slow),
+    ],
+)
+def test_methods_against_the_oracle(renderer, method, facing):
     """The scenes show discs of all sizes, from outside and across the near plane, and clip lines.
 
     Mutations: an ellipse about the projected center instead of its own; EWA without its factor; a field that is not
     turned with its normal; circles of the shorter axis.
     """
-    settings = RenderSettings(method=method)
+    settings = RenderSettings(method=method, facing=facing)
     field = method == "botsch04"
     for scene, camera in (
         ("random_ellipses", "outside"),

@@ -44,7 +44,7 @@ def windows(renderer, splats, settings):
 
     def render(camera, first):
         drawn.append(camera.width * camera.height)
-        return _draw_window(*renderer.prepare(resident, camera, settings, first), resident.epsilon(settings))
+        return _draw_window(*renderer.pass_inputs(resident, camera, settings, first), resident.epsilon(settings))
 
     return render, drawn
 
@@ -248,7 +248,7 @@ def test_a_png_has_straight_alpha(renderer, tmp_path):
 def test_questions_about_single_samples_are_refused(renderer):
     frame = half_covered(renderer)
     for ask in (frame.add_margin, frame.add_envelope, frame.check, lambda: frame.probe(0, 0), lambda: frame["margin"]):
-        with pytest.raises(SplatclError, match=r"means of 16 samples each; render with supersampling=1"):
+        with pytest.raises(SplatclError, match=r"each pixel is a mean of 16 samples, .*; render with supersampling=1"):
             ask()
 
 

@@ -238,7 +238,7 @@ def test_the_command_writes_splats_that_are_read_back(tmp_path, capsys):
     points.write_text("0 0 0\n1 0 0\n0 1 0\n")
     for arguments, message in [
         ([str(points), "-o", "a.ply"], f"{points}: has no triangles; give a mesh"),
-        ([str(mesh), "-o", "a.off"], "a.off: splats are written as .ply or .npz, not .off"),
+        ([str(mesh), "-o", "a.off"], "a.off: cannot write .off; use .ply or .npz"),
         ([str(mesh), "-o", "a.ply", "--angle", "200"], "--angle 200.0 must be between 0 and 180 degrees"),
     ]:
         assert main(["features", *arguments]) == MISTAKE

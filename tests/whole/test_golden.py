@@ -235,11 +235,13 @@ def test_our_own_division_and_square_root(monkeypatch, check):
     assert check(renderer) == []
 
 
+@pytest.mark.usefixtures("renderer")  # it remembers the arithmetic of the unaltered kernels
 @pytest.mark.parametrize("name", ROUNDINGS)
 def test_another_rounding_is_noticed(monkeypatch, name):
     found = altered_kernels(monkeypatch, *ROUNDINGS[name])
     renderer = Renderer(allow_inexact=True)
-    assert golden.check(renderer, ["ordinary", "lights"]) != []
+    scene = "lights" if name in ("library pow", "order of sums") else "culled"  # which has few programs
+    assert golden.check(renderer, [scene]) != []
     assert any(found)
 
 

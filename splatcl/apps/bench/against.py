@@ -1,4 +1,4 @@
-"""The same frames turn by turn with another renderer: OpenGL's passes of examples/backend_gl, on Mesa's llvmpipe."""
+"""Compare splatcl in turn with another renderer: the OpenGL passes of examples/backend_gl on Mesa's llvmpipe."""
 
 from __future__ import annotations
 
@@ -22,21 +22,23 @@ from splatcl.renderer import Renderer
 from splatcl.scene.settings import Facing
 from splatcl.util.progress import Advance, stage
 
-BACKEND = Path(__file__).parents[2] / "examples" / "backend_gl" / "backend.py"
-"""Only in a checkout."""
+BACKEND = Path(__file__).parents[3] / "examples" / "backend_gl" / "backend.py"
+"""Path of the other renderer in a checkout; an installed splatcl has none."""
 SIZES = (1_000_000, 4_000_000)
+"""Default numbers of splats."""
 FACINGS: tuple[Facing, ...] = ("cull", "keep")
 SIZE = 512
-"""Pixels each way."""
+"""Width and height of the images, pixels."""
 SECONDS = 90.0
-"""No comparison takes much longer than this, whatever the number of frames asked for."""
+"""Time after which a comparison starts no further round, seconds."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """One scene rendered by both, `theirs` in the order given and sorted along a space-filling curve.
+    """Times and differences of one scene in both renderers.
 
-    `difference` is the mean absolute one of RGB where both draw something.
+    `theirs_sorted` has the splats sorted along a space-filling curve. `difference` is the mean absolute difference of
+    RGB where both images have a splat; `coverage_differs` is the share of pixels where only one has.
     """
 
     num_splats: int
@@ -50,53 +52,53 @@ class Comparison:
 
     @property
     def ratio(self) -> float:
-        """How many times as fast splatcl is, for splats in the same order: of the medians."""
+        """Ratio of their median time to ours, for splats in the same order."""
         return self.theirs.median / self.ours.median
 
     @property
     def ratio_sorted(self) -> float:
-        """The same where the other has sorted the splats first, which is not timed."""
+        """Ratio of their median time, for splats that are already sorted, to ours."""
         return self.theirs_sorted.median / self.ours.median
 
     def as_json(self) -> dict[str, Any]:
-        """Return everything; times in seconds."""
+        """Return all fields and ratios as JSON's types; times are in seconds."""
         times = {name: getattr(self, name).as_json() for name in ("ours", "theirs", "theirs_sorted")}
         return vars(self) | times | {"ratio": self.ratio, "ratio_sorted": self.ratio_sorted}
 
 
 def load_backend(path: Path) -> Any:
-    """Return the class `Backend` of a file.
+    """Import the class `Backend` from a file.
 
     Raises
     ------
     SplatclError
-        There is no such file, or a module that it needs is missing.
+        The file does not exist, or a module that it imports is missing.
     """
     spec = importlib.util.spec_from_file_location("splatcl_backend_gl", path)
     if not path.exists() or not spec or not spec.loader:
-        raise SplatclError(f"--against llvmpipe needs {path}, which is not there: run it from a checkout")
+        raise SplatclError(f"--against llvmpipe needs {path}, which does not exist; run it from a checkout")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     try:
         spec.loader.exec_module(module)
     except ModuleNotFoundError as error:
-        raise SplatclError(f"--against llvmpipe needs {error.name}: pip install 'splatcl[gl]'") from None
+        raise SplatclError(f"--against llvmpipe cannot run without {error.name}; pip install 'splatcl[gl]'") from None
     return module.Backend
 
 
 def compare(renderer: Renderer, backend_class: Any, sizes: Sequence[int], frames: int) -> Iterator[Comparison]:
-    """Render spheres of each size, culled and whole, with both.
+    """Render spheres of each size with both renderers, with and without back-face culling.
 
     Parameters
     ----------
     renderer : Renderer
     backend_class : type
-        ``Backend(splats, sort=)`` with ``draw(camera, settings)``, which waits for the frame's end, ``read()`` and
-        ``renderer_name``.
+        A class ``Backend(splats, sort=)`` with ``draw(camera, settings)``, which returns at the end of the frame,
+        ``read()`` and ``renderer_name``.
     sizes : sequence of int
         Numbers of splats.
     frames : int
-        Samples of each.
+        Number of samples of each time.
     """
     for size in sizes:
         with stage(f"Comparing at {size_name(size)} splats", total=3 * len(FACINGS) * frames) as advance:

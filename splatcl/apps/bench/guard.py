@@ -1,7 +1,7 @@
-"""A guard against slow regressions: each pass' time against a calibration kernel of the same run (docs/speed/bench.md).
+"""Guard against slower passes: compare times, in a calibration kernel's units, with stored ones (docs/speed/bench.md).
 
-``python -m splatcl.bench.guard FILE`` compares with the ratios stored in FILE, ``--update`` rewrites them. Exit
-status: 0 done, 1 something is much slower than it was, 2 a mistake in what was given.
+``python -m splatcl.apps.bench.guard FILE`` compares with the ratios stored in FILE; ``--update`` rewrites them. Exit
+status: 0 no ratio is much larger than its stored value, 1 one is, 2 wrong arguments.
 """
 
 from __future__ import annotations
@@ -30,25 +30,29 @@ from splatcl.util.progress import stage
 from splatcl.util.table import text_table
 
 BOUND = 1.5
-"""A ratio this many times its stored one is a regression; a busy machine moves them by a fifth."""
+"""Largest quotient of a ratio and its stored value; a larger one is a regression. Load changes ratios by a fifth."""
 SIZES = (137_000, 655_000)
+"""Numbers of splats."""
 ROUNDS = 25
+"""Number of samples of each time."""
 MAX_SECONDS = 60.0
+"""Time after which no further round starts, seconds."""
 
 Ratios = dict[str, float]
+"""Time / time of the calibration kernel, by name."""
 
 
 def measure_ratios(renderer: Renderer, sizes: Sequence[int] = SIZES, rounds: int = ROUNDS) -> Ratios:
-    """Return times by the calibration's, and the first scene's by llvmpipe's where that can be had."""
+    """Measure times in units of the calibration's, and the first scene's frame in units of llvmpipe's if it runs."""
     calibration = Roofline(renderer.device, SMALL_BYTES)
     jobs: list[Callable[[], Seconds]] = [lambda: {"arithmetic": calibration.arithmetic()}]
-    scenes, residents = [], [renderer.upload(fibonacci_sphere(size)) for size in sizes]
-    for uploaded in residents:
+    scenes, spheres = [], [renderer.upload(fibonacci_sphere(size)) for size in sizes]
+    for uploaded in spheres:
         for settings in (BASE, replace(BASE, facing="keep")):
             row = Row(len(uploaded.splats), settings)
             scenes.append(f"{size_name(row.num_splats)} {row.label}")
             jobs.append(Job(renderer, uploaded, row).times)
-    jobs += _llvmpipe_jobs(residents[0])
+    jobs += _llvmpipe_jobs(spheres[0])
     with stage("Timing", total=rounds * len(jobs)) as advance:
         unit, *times = turn_by_turn(jobs, rounds, MAX_SECONDS, advance)
     ratios = {
@@ -65,7 +69,7 @@ def _llvmpipe_jobs(uploaded: UploadedSplats) -> Iterator[Callable[[], Seconds]]:
     try:
         backend = against.load_backend(against.BACKEND)(uploaded.splats, sort=False)
     except SplatclError as error:
-        print(f"llvmpipe is left out: {error}")
+        print(f"skipped llvmpipe: {error}")
         return
     camera = frame_camera(uploaded.splats, 512, 512)
     backend.draw(camera, BASE)
@@ -73,12 +77,12 @@ def _llvmpipe_jobs(uploaded: UploadedSplats) -> Iterator[Callable[[], Seconds]]:
 
 
 def _ratio(spread: Spread, unit: Spread) -> float:
-    """Return the median over the rounds of the ratio within each."""
+    """Return the median over the rounds of the ratio in each round."""
     return float(np.median(np.array(spread.samples) / unit.samples))
 
 
 def compare(now: Ratios, stored: Ratios) -> tuple[list[str], list[str]]:
-    """Return a table's lines and the names of what is `BOUND` times its stored ratio or slower."""
+    """Return the lines of a table, and the names of the ratios over `BOUND` times their stored values."""
     rows, slower = [], []
     for name in dict.fromkeys((*stored, *now)):
         old, new = stored.get(name), now.get(name)
@@ -91,26 +95,26 @@ def compare(now: Ratios, stored: Ratios) -> tuple[list[str], list[str]]:
 
 
 def read_stored(path: Path) -> dict[str, Any]:
-    """Return the content of the file of stored ratios.
+    """Read the file of stored ratios.
 
     Raises
     ------
     FileError
-        It is missing or damaged.
+        The file is missing or damaged.
     """
-    remedy = "make bench-check-update writes it"
+    remedy = "write it with make bench-check-update"
     try:
         stored = json.loads(path.read_text())
         ratios = {str(name): float(value) for name, value in stored["ratios"].items()}
     except OSError as error:
         raise FileError(f"{path}: cannot read: {error.strerror}; {remedy}") from error
     except (ValueError, KeyError, TypeError, AttributeError):
-        raise FileError(f"{path}: damaged; {remedy}") from None
+        raise FileError(f"{path}: has no valid ratios; {remedy}") from None
     return stored | {"ratios": ratios}
 
 
 def check(path: Path, update: bool, renderer: Renderer) -> int:
-    """Measure, compare with the file or rewrite it, print, and return the exit status."""
+    """Measure the ratios and compare them with the file, or rewrite it; return the exit status."""
     stored = None if update else read_stored(path)
     facts = machine.facts(renderer.device)
     now = measure_ratios(renderer)
@@ -119,7 +123,7 @@ def check(path: Path, update: bool, renderer: Renderer) -> int:
         print(f"wrote {path}: {len(now)} ratios")
         return 0
     if stored.get("machine", {}).get("cpu") != facts["machine"]["cpu"]:
-        print("note: the stored ratios are another processor's; expect other ones here")
+        print("note: the stored ratios are those of another processor; they may differ here")
     lines, slower = compare(now, stored["ratios"])
     print("\n".join(lines))
     if slower:
@@ -129,7 +133,7 @@ def check(path: Path, update: bool, renderer: Renderer) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the guard and return the exit status."""
-    parser = ArgumentParser(prog="python -m splatcl.bench.guard", description=(__doc__ or "").partition("\n")[0])
+    parser = ArgumentParser(prog="python -m splatcl.apps.bench.guard", description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("file", type=Path, help="stored ratios")
     parser.add_argument("--update", action="store_true", help="measure and rewrite the file")
     given = parser.parse_args(arguments)

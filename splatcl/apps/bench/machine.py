@@ -1,4 +1,4 @@
-"""What a measurement was taken on."""
+"""The machine, the OpenCL device and the versions of a measurement."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from splatcl.opencl.device.strictness import Device
 
 
 def facts(device: Device) -> dict[str, Any]:
-    """Return the machine, the OpenCL device and the versions, as JSON has it."""
+    """Return the machine, the OpenCL device and the versions as JSON's types."""
     info = device.info
     return {
         "machine": {

@@ -1,6 +1,6 @@
-"""Which configurations are measured: a base over all sizes and facings, then one factor varied at a time.
+"""The measured configurations: a base for all sizes and facings, then variations of one factor each.
 
-A new configuration is a new line of `FACTORS`.
+To add a configuration, add a line to `FACTORS`.
 """
 
 from __future__ import annotations
@@ -18,9 +18,11 @@ Model = Literal["sphere", "scan"]
 Order = Literal["coherent", "shuffled"]
 
 SIZES = (137_000, 655_000, 1_100_000, 4_000_000, 8_300_000, 14_000_000)
-"""[BHZK05] Table 1."""
+"""Numbers of splats of [BHZK05] Table 1."""
 FACTOR_SIZES = (1_100_000, 4_000_000)
+"""Numbers of splats at which factors are varied."""
 QUICK_SIZES = (20_000, 137_000)
+"""Numbers of splats of a quick run."""
 MAX_SPLATS = 100_000_000
 THREE_LIGHTS = (
     Light(),
@@ -28,15 +30,15 @@ THREE_LIGHTS = (
     Light("point", (-3.0, 2.0, 1.0), (0.3, 0.4, 0.5)),
 )
 BYTES_PER_SPLAT = 300
-"""With none culled 110 on the device (planes 36, records 48, lists 16 and 8 an entry), the rest is the making of the
-scene on the host. The bands' 43 MB are none of it; only a single tile's list of more than 384k entries adds 112 bytes
-an entry."""
+"""Estimate of the memory of a splat: on the device 110 without culling (planes 36, records 48, lists 16 and 8 for each
+entry), the rest on the host. The 43 MB of the bands come on top. A tile with over 384k entries needs 112 for each."""
 BYTES_PER_PIXEL = 96
+"""Estimate of the memory of a pixel."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """One configuration. `factor` says what differs from the base, "" for the base itself."""
+    """One configuration. `factor` names the difference from the base; "" is the base itself."""
 
     num_splats: int
     settings: RenderSettings
@@ -48,26 +50,26 @@ class Row:
 
     @property
     def name(self) -> str:
-        """All that `--only` looks at, such as "sphere 4M shuffled 512x512 min cull phong shuffled"."""
+        """Text that `--only` searches, such as "sphere 4M shuffled 512x512 min cull phong shuffled"."""
         s = self.settings
         words = [self.model, size_name(self.num_splats), self.order, f"{self.width}x{self.height}"]
         return " ".join([*words, s.prefilter, s.facing, s.shader, self.factor]).strip()
 
     @property
     def label(self) -> str:
-        """What differs from other rows of the same size: the facing of a base row, else the factor."""
+        """Difference from other rows of the same size: the facing of a base row, else the factor."""
         return self.factor or self.settings.facing
 
     @property
     def num_bytes(self) -> int:
-        """Estimate of the memory that it needs."""
+        """Estimate of the memory of the configuration, bytes."""
         scale = 2 if self.settings.precision == "double" else 1
         return scale * (self.num_splats * BYTES_PER_SPLAT + self.width * self.height * BYTES_PER_PIXEL)
 
 
 BASE = RenderSettings(facing="cull")
 USER_SHADER = "float4 shade(const Surface s, const Scene scene) { return (float4)(s.albedo * -s.normal.z, 1.0f); }"
-"""The least that a user would write."""
+"""A minimal user shader."""
 
 
 def _shaded(shader: Shader) -> RenderSettings:
@@ -90,17 +92,17 @@ FACTORS: tuple[Row, ...] = (
     Row(0, replace(BASE, target="float16"), "float16"),
     Row(0, replace(BASE, target="unorm8"), "unorm8"),
 )
-"""Each is compared with the base row of its size."""
+"""Variations of one factor; each is compared with the base row of its size."""
 
 
 def rows(sizes: Sequence[int]) -> list[Row]:
-    """Return the matrix; the factors are varied at `FACTOR_SIZES`, or at the largest size where that has none."""
+    """Return all rows; factors are varied at the sizes in `FACTOR_SIZES`, or else at the largest size."""
     factor_sizes = [size for size in sizes if size in FACTOR_SIZES] or [max(sizes)]
     return [row for size in sizes for row in _rows_of(size, size in factor_sizes)]
 
 
 def _rows_of(size: int, with_factors: bool) -> Iterator[Row]:
-    for facing in sorted(get_args(Facing)):  # cull, the base, first
+    for facing in sorted(get_args(Facing)):  # the base, cull, comes first
         yield Row(size, replace(BASE, facing=facing))
     if with_factors:
         for row in FACTORS:
@@ -108,47 +110,47 @@ def _rows_of(size: int, with_factors: bool) -> Iterator[Row]:
 
 
 def base_of(row: Row) -> Row:
-    """Return the row that `row` is compared with."""
+    """Return the base row of the size of `row`."""
     return Row(row.num_splats, BASE)
 
 
 def only(matrix: Sequence[Row], words: str) -> list[Row]:
-    """Return the rows whose name contains one of `words`, as in "cull,keep", and those that they are compared with.
+    """Return the rows with one of `words` ("cull,keep") in their names, and their base rows.
 
     Raises
     ------
     SettingsError
-        There is none.
+        There is no such row.
     """
     wanted = [word.strip() for word in words.lower().split(",")]
     chosen = [row for row in matrix if any(word in row.name.lower() for word in wanted)]
     if not chosen:
         labels = ", ".join(dict.fromkeys(row.label for row in matrix))
-        raise SettingsError(f"--only {words!r} fits no configuration; there are {labels}")
+        raise SettingsError(f"--only {words!r} matches no configuration; there are {labels}")
     bases = {base_of(row) for row in chosen if row.factor}
     return [row for row in matrix if row in chosen or row in bases]
 
 
 def parse_sizes(text: str) -> tuple[int, ...]:
-    """Return the numbers of "137k,1.1M", ascending.
+    """Parse numbers of splats such as "137k,1.1M"; return them in ascending order.
 
     Raises
     ------
     SettingsError
-        Something else was given.
+        A word is no number of splats, or is out of range.
     """
     sizes = set()
     for word in text.split(","):
         number = re.fullmatch(r"(\d{1,9}(?:\.\d{1,6})?)([kM]?)", word.strip())
         size = round(float(number[1]) * {"": 1, "k": 1e3, "M": 1e6}[number[2]]) if number else 0
         if not 1 <= size <= MAX_SPLATS:
-            raise SettingsError(f"--sizes {text!r} is not a list of numbers of splats up to 100M, such as 137k,1.1M")
+            raise SettingsError(f"--sizes {text!r} must be numbers of splats up to 100M, such as 137k,1.1M")
         sizes.add(size)
     return tuple(sorted(sizes))
 
 
 def size_name(num: int) -> str:
-    """Return 137k or 1.1M."""
+    """Format a number of splats: 137k or 1.1M."""
     for unit, name in ((1e6, "M"), (1e3, "k")):
         if num >= unit:
             return f"{num / unit:.3g}{name}"

@@ -1,4 +1,4 @@
-"""Measure configurations: counts first, which also warms the kernels, then times turn by turn."""
+"""Measure configurations: first counts, which also compile the kernels, then times in turn."""
 
 from __future__ import annotations
 
@@ -24,31 +24,31 @@ from splatcl.scene.splats import Splats
 from splatcl.util.progress import stage
 
 MAX_FRAME_SECONDS = 30.0
-"""A configuration whose frame takes longer is skipped."""
+"""Longest frame of a measured configuration, seconds; slower ones are skipped."""
 SECONDS_PER_ROW = 20.0
-"""No configuration takes much longer than this, whatever the number of frames asked for."""
+"""Time for each configuration after which no further round starts, seconds."""
 MEMORY_SHARE = 0.8
-"""Of the free memory that a configuration may take."""
+"""Share of the free memory that a configuration may take."""
 FAR = 1e30
-"""Epsilon that accepts every fragment, scene units."""
+"""An epsilon that accepts every fragment, scene units."""
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """Accumulated fragments of one frame and the pixels that have any."""
+    """Numbers of accumulated fragments and of covered pixels of one frame."""
 
     fragments: int
     pixels: int
 
     @property
     def per_pixel(self) -> float:
-        """Fragments by covered pixel."""
+        """Mean number of fragments of a covered pixel."""
         return self.fragments / max(self.pixels, 1)
 
 
 @dataclass(frozen=True)
 class Fragments:
-    """What a frame draws, what it would draw without and with the pre-filter, and how often a ray hits a disc."""
+    """Fragments of a frame, of the same frame without and with the pre-filter, and all hits of rays on discs."""
 
     drawn: Drawn
     without_prefilter: Drawn
@@ -58,7 +58,7 @@ class Fragments:
 
 @dataclass(frozen=True)
 class Result:
-    """A configuration's measurements. `facing` is what was done: splats whose normals have no sign are flipped."""
+    """Measurements of a configuration. `facing` is the effective one: normals of arbitrary sign are flipped."""
 
     row: Row
     facing: str
@@ -69,16 +69,16 @@ class Result:
 
     @property
     def splats_per_second(self) -> float:
-        """Of the frame's median."""
+        """Number of splats / median frame time, 1/s."""
         return self.row.num_splats / self.frame.median
 
     @property
     def shading_share(self) -> float:
-        """Of the passes' sum."""
+        """Share of shading in the sum of the passes' medians."""
         return self.passes["shade"].median / sum(spread.median for spread in self.passes.values())
 
     def as_json(self) -> dict[str, Any]:
-        """Return everything; times in seconds."""
+        """Return all measurements as JSON's types; times are in seconds."""
         return {
             "name": self.row.name,
             **asdict(self.row),
@@ -94,20 +94,20 @@ class Result:
 
 @dataclass(frozen=True)
 class Skipped:
-    """A configuration that was not measured, and why."""
+    """A configuration that was not measured, and the reason."""
 
     row: Row
     reason: str
 
 
 class Scenes:
-    """The splats of one size, each made and uploaded when first asked for."""
+    """The scenes of one number of splats; each is made and uploaded at its first use."""
 
     def __init__(self, renderer: Renderer, num_splats: int, scan: Splats | None) -> None:
         self._renderer, self._num_splats, self._scan = renderer, num_splats, scan
 
     def uploaded(self, row: Row) -> UploadedSplats:
-        """Return the uploaded splats of a row."""
+        """Return the uploaded splats of a row's scene."""
         if row.model == "scan":
             return self._resampled
         if row.settings.normals == "field":
@@ -133,32 +133,32 @@ class Scenes:
 
 
 class Job:
-    """One configuration, ready to be timed: everything uploaded, kernels warm, counts known."""
+    """One configuration, ready for timing: splats are uploaded, kernels are compiled, counts are known."""
 
     def __init__(self, renderer: Renderer, uploaded: UploadedSplats, row: Row) -> None:
-        self.row, self._renderer, self._resident = row, renderer, uploaded
+        self.row, self._renderer, self._uploaded = row, renderer, uploaded
         self._camera = frame_camera(uploaded.splats, row.width, row.height)
         self._passes = FramePasses(renderer, uploaded, self._camera, row.settings)
         self.fragments = count_fragments(renderer, uploaded, self._camera, row.settings)
         self.counts = self._passes.counts()
 
     def frame(self) -> None:
-        """Render one frame and wait for it; nothing is read back."""
-        render_and_wait(self._renderer, self._resident, self._camera, self.row.settings)
+        """Render one frame and wait for it, without reading it back."""
+        render_and_wait(self._renderer, self._uploaded, self._camera, self.row.settings)
 
     def times(self) -> dict[str, float]:
-        """Return the seconds of one whole frame ("frame") and of each pass of another."""
+        """Time one whole frame ("frame"), and each pass of another frame; return seconds by name."""
         return {"frame": seconds_of(self.frame)} | self._passes.run()
 
     def result(self, times: dict[str, Spread]) -> Result:
-        """Put counts and times together."""
-        facing = effective_settings(self.row.settings, self._resident.splats.oriented).facing
+        """Return the counts and `times` as a result."""
+        facing = effective_settings(self.row.settings, self._uploaded.splats.oriented).facing
         frame = times.pop("frame")
         return Result(self.row, facing, self.counts, self.fragments, frame, times)
 
 
 def render_and_wait(renderer: Renderer, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings) -> None:
-    """Render one frame on the device and wait for it; nothing is read back."""
+    """Render one frame on the device and wait for it, without reading it back."""
     renderer.render(uploaded, camera, settings)
     renderer.device.queue.finish()
 
@@ -166,7 +166,7 @@ def render_and_wait(renderer: Renderer, uploaded: UploadedSplats, camera: Camera
 def count_fragments(
     renderer: Renderer, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings
 ) -> Fragments:
-    """Count the fragments of a frame by rendering variants of it."""
+    """Count the fragments of a frame and of its variants by rendering them."""
 
     def count(**changes: Any) -> Drawn:
         counts = renderer.render(uploaded, camera, replace(settings, **changes))["count"]
@@ -181,26 +181,26 @@ def count_fragments(
 def measure(
     renderer: Renderer, rows: Sequence[Row], frames: int, scan: Splats | None, say: Callable[[str], None]
 ) -> tuple[list[Result], list[Skipped]]:
-    """Measure the rows, those of one size turn by turn.
+    """Measure all rows; the rows of one size take turns.
 
     Parameters
     ----------
     renderer : Renderer
     rows : sequence of Row
-        Those of a size follow each other.
+        Configurations; those of one size are consecutive.
     frames : int
-        Samples of each row; the slow ones get fewer.
+        Number of samples of each row; slow rows get fewer.
     scan : Splats, optional
-        For the rows of that model, which are skipped without it.
+        Splats of the model "scan"; its rows are skipped without them.
     say : callable
-        Is given a line when a size is done.
+        Function that receives a line of text after each size.
     """
     results: list[Result] = []
     skipped: list[Skipped] = []
     for size, group in groupby(rows, lambda row: row.num_splats):
         wanted, scenes, jobs = list(group), Scenes(renderer, size, scan), []
         with stage(f"Measuring {size_name(size)} splats", total=len(wanted) * (frames + 1)) as advance:
-            for outcome in _prepared(renderer, scenes, wanted, scan is not None):
+            for outcome in _prepare(renderer, scenes, wanted, scan is not None):
                 advance(1)
                 jobs.append(outcome) if isinstance(outcome, Job) else skipped.append(outcome)
             times = turn_by_turn([job.times for job in jobs], frames, SECONDS_PER_ROW * len(jobs), advance)
@@ -209,27 +209,30 @@ def measure(
     return results, skipped
 
 
-def _prepared(renderer: Renderer, scenes: Scenes, rows: Sequence[Row], has_scan: bool) -> Iterator[Job | Skipped]:
+def _prepare(renderer: Renderer, scenes: Scenes, rows: Sequence[Row], has_scan: bool) -> Iterator[Job | Skipped]:
+    """Yield a job for each row, or the reason why it is skipped."""
     import pyopencl as cl
 
     for row in rows:
         if row.model == "scan" and not has_scan:
-            yield Skipped(row, "no scan: give --model FILE, or run from a checkout")
+            yield Skipped(row, "there is no scan; give --model FILE, or run from a checkout")
             continue
         if row.num_bytes > MEMORY_SHARE * (free := free_memory()):
-            yield Skipped(row, f"needs about {row.num_bytes / 2**30:.1f} GiB of memory; {free / 2**30:.1f} are free")
+            yield Skipped(
+                row, f"needs about {row.num_bytes / 2**30:.1f} GiB of memory, but {free / 2**30:.1f} are free"
+            )
             continue
         try:
             job = Job(renderer, scenes.uploaded(row), row)
         except (DeviceError, MemoryError, cl.Error) as error:
             yield Skipped(row, str(error) or "out of memory")
             continue
-        took = seconds_of(job.frame)
-        yield job if took < MAX_FRAME_SECONDS else Skipped(row, f"one frame took {took:.0f} s")
+        seconds = seconds_of(job.frame)
+        yield job if seconds < MAX_FRAME_SECONDS else Skipped(row, f"one frame took {seconds:.0f} s")
 
 
 def free_memory() -> float:
-    """Return the bytes that can be allocated without swapping."""
+    """Return the number of bytes that can be allocated without swapping; inf if unknown."""
     meminfo = Path("/proc/meminfo")
     if not meminfo.exists():
         return float("inf")

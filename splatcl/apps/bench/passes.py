@@ -1,4 +1,4 @@
-"""The one place of the benchmark that calls the pipeline's passes and knows their buffers."""
+"""Run and count the passes of a frame: the only module of the benchmark that knows the passes' buffers."""
 
 from __future__ import annotations
 
@@ -26,36 +26,37 @@ from splatcl.scene.settings import RenderSettings, effective_settings
 
 PASSES = ("bin", "project", "visibility", "attributes", "shade")
 BLOCKS = {1: (1, 1), 4: (2, 2), 8: (4, 2), 16: (4, 4)}
-"""Pixels of one vector by its lanes (kernels/arithmetic/lanes.h)."""
+"""Lanes of a vector -> width and height of its block of pixels (kernels/arithmetic/lanes.h)."""
 SMALL = 4
-"""Boxes of at most so many pixels each way are taken a vector of splats at a time (kernels/passes/tile.h)."""
+"""Largest width and height of a small box, pixels; small boxes use a vector of splats (kernels/passes/tile.h)."""
 BOX = ("x_min", "y_min", "x_max", "y_max")
+"""Fields of a record's box."""
 
 
 @dataclass(frozen=True)
 class Counts:
-    """How much there is to do in the passes of one frame, and the sizes of what they move, bytes."""
+    """Numbers of items in the passes of one frame, and sizes of the moved items, bytes."""
 
     num_splats: int
-    num_listed: int  # splats in at least one tile's list
-    num_entries: int  # of all tiles' lists
-    num_projected: int  # entries that have pixels and are not passed over, as nearer splats hide them
-    num_discs: int  # entries whose disc has pixels: those that visibility takes
-    num_near: int  # entries that have pixels and are no farther than their tile's farthest: those attributes takes
-    visibility_lanes: int
-    attribute_lanes: int
+    num_listed: int  # splats in the list of at least one tile
+    num_entries: int  # entries of all tiles' lists
+    num_projected: int  # entries that have pixels and are not culled behind nearer splats
+    num_discs: int  # entries whose disc has pixels: the input of visibility
+    num_near: int  # entries that have pixels within the tile's greatest accepted depth: the input of attributes
+    visibility_lanes: int  # lanes that visibility evaluates
+    attribute_lanes: int  # lanes that attributes evaluates
     num_pixels: int
-    plane_bytes: int
-    touched_bytes: int
-    entry_bytes: int
-    splat_bytes: int
-    record_bytes: int
-    attribute_bytes: int
+    plane_bytes: int  # of a splat's center and tangents
+    touched_bytes: int  # of the tiles that a splat touches
+    entry_bytes: int  # of an entry of a list
+    splat_bytes: int  # of a splat on the device
+    record_bytes: int  # of a projected splat
+    attribute_bytes: int  # of the attributes of a projected splat
     real_bytes: int
 
 
 class FramePasses:
-    """The passes of one frame, run one by one. For splats that `renderer` has uploaded."""
+    """Runs the passes of one frame one by one, for splats that `renderer` has uploaded."""
 
     def __init__(self, renderer: Renderer, uploaded: UploadedSplats, camera: Camera, settings: RenderSettings) -> None:
         uploaded = uploaded.prepared(settings)
@@ -65,9 +66,9 @@ class FramePasses:
         self._view = self._context.view(self._splats.origin)
 
     def run(self, tally: Tally | None = None) -> dict[str, float]:
-        """Run a frame and return each pass' seconds; wait for the device between passes.
+        """Run a frame; wait for the device after each pass and return the time of each pass, seconds.
 
-        `tally`, if any, sees what is drawn; its time does not count.
+        `tally` counts the items of the passes; its time does not count.
         """
         context, view, seconds = self._context, self._view, dict.fromkeys(PASSES, 0.0)
 
@@ -95,7 +96,7 @@ class FramePasses:
         return seconds
 
     def counts(self) -> Counts:
-        """Run a frame and count; slow."""
+        """Run a frame and count the items of its passes; slow."""
         context, dtypes, real = self._context, self._context.dtypes, self._context.real.itemsize
         tally = Tally(context, self._splats.num_splats, self._epsilon)
         self.run(tally)
@@ -116,7 +117,7 @@ class FramePasses:
 
 
 class Tally:
-    """Counts over the bands of one frame, as if each work-item took a whole tile and epsilon were along z."""
+    """Counts over the bands of one frame, for work-items of a whole tile and an epsilon along z."""
 
     def __init__(self, context: PassContext, num_splats: int, epsilon: float) -> None:
         names = ("num_entries", "num_projected", "num_discs", "num_near", "visibility_lanes", "attribute_lanes")
@@ -125,10 +126,10 @@ class Tally:
         self._context, self._epsilon = context, epsilon
 
     def add_discs(self, lists: TileLists, projected: ProjectedSplats) -> None:
-        """Count the discs of a band's layer."""
+        """Count the discs of one layer of a band."""
         if not lists.begin[-1]:
             return
-        has_disc = self._read(projected.disc_near_z, lists) < np.inf  # not if it is NaN
+        has_disc = self._read(projected.disc_near_z, lists) < np.inf  # False for NaN: no pixels
         records = self._read(projected.records, lists, self._context.dtypes["ProjectedSplat"])
         boxes = np.stack([records[name] for name in BOX], axis=1)
         self.totals.update(
@@ -136,12 +137,12 @@ class Tally:
         )
 
     def add_near(self, lists: TileLists, projected: ProjectedSplats, depth: DepthBuffer) -> None:
-        """Count what is near of a band, once all of it is drawn."""
+        """Count the near entries of a band whose depth is complete."""
         if not lists.begin[-1]:
             return
         self.listed[self._ids(lists)] = True
         near_z = self._read(projected.near_z, lists)
-        is_near = near_z <= self._farthest(depth)[_tiles(lists)]  # not if it is NaN
+        is_near = near_z <= self._farthest(depth)[_tiles(lists)]  # False for NaN: no pixels
         boxes = self._read(projected.boxes, lists, np.dtype((np.int16, 4)))
         self.totals.update(
             num_entries=int(lists.begin[-1]),
@@ -150,9 +151,9 @@ class Tally:
             attribute_lanes=self._lanes(boxes, lists, is_near),
         )
 
-    def _lanes(self, boxes: NDArray[Any], lists: TileLists, taken: NDArray[Any]) -> int:
+    def _lanes(self, boxes: NDArray[Any], lists: TileLists, chosen: NDArray[Any]) -> int:
         context = self._context
-        return lanes_of(boxes[taken], _tiles(lists)[taken], context.tiles_x, context.tile_size, context.lanes)
+        return lanes_of(boxes[chosen], _tiles(lists)[chosen], context.tiles_x, context.tile_size, context.lanes)
 
     def _read(self, buffer: Any, lists: TileLists, dtype: np.dtype[Any] | None = None) -> NDArray[Any]:
         return self._context.device.read(buffer, (int(lists.begin[-1]),), dtype or self._context.real)
@@ -165,7 +166,7 @@ class Tally:
         return ids
 
     def _farthest(self, depth: DepthBuffer) -> NDArray[Any]:
-        """(T,) the farthest that is accepted anywhere in each tile."""
+        """Return the (T,) greatest accepted depths of the tiles."""
         context, size = self._context, self._context.tile_size
         image = context.device.read(depth.depth, (context.camera.height, context.camera.width), context.real)
         image = np.pad(image, [(0, -side % size) for side in image.shape], constant_values=-np.inf)
@@ -174,15 +175,15 @@ class Tally:
 
 
 def _tiles(lists: TileLists) -> NDArray[np.int64]:
-    """(N,) the tile of each entry."""
+    """Return the (N,) tiles of the entries."""
     return np.repeat(np.arange(lists.first_tile, lists.last_tile), np.diff(lists.begin))
 
 
 def lanes_of(boxes: NDArray[Any], tile: NDArray[Any], tiles_x: int, tile_size: int, lanes: int) -> int:
-    """Return how many lanes a raster pass evaluates for (N, 4) `boxes` in the lists of (N,) `tile`, ascending.
+    """Return the number of lanes that a raster pass evaluates for (N, 4) `boxes` of the (N,) `tile`, ascending.
 
-    A batch is `lanes` boxes of a tile, one after the other. If all are small, each position up to the largest width
-    and height takes a vector; else each box is cut into blocks of `lanes` pixels from its corner.
+    A batch is `lanes` consecutive boxes of a tile. If all are small, each pixel up to the largest width and height
+    takes one vector. Otherwise each box is divided into blocks of `lanes` pixels, from its corner.
     """
     origin = np.stack([tile % tiles_x, tile // tiles_x], axis=1) * tile_size
     low, high = np.maximum(boxes[:, :2] - origin, 0), np.minimum(boxes[:, 2:] - origin, tile_size - 1)

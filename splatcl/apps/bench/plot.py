@@ -1,4 +1,4 @@
-"""Splats a second, and how the time grows, a line for each configuration, as a PNG."""
+"""Plot splats a second and the growth of the frame time, a line for each configuration, as PNG."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from splatcl.errors import SplatclError
 from splatcl.util.atomic import atomic_path, check_writable
 
 PAPER = 22.6e6
-"""Splats a second on a GeForce 6800 Ultra ([BHZK05] Table 1)."""
+"""Splats a second of a GeForce 6800 Ultra ([BHZK05] Table 1)."""
 
 LINEAR = 2e-5
-"""Slope of a line to compare with, ms for each splat and fragment."""
+"""Slope of the reference line, ms for each splat and fragment."""
 
 
 def check_plot(path: Path) -> None:
-    """Raise an error now if a plot could not be drawn or written.
+    """Raise an error if a plot cannot be drawn or written at `path`.
 
     Raises
     ------
     SplatclError
-        It is not a PNG, cannot be written, or matplotlib is missing.
+        `path` is no PNG or cannot be written, or matplotlib is missing.
     """
     if path.suffix.lower() != ".png":
-        raise SplatclError(f"--plot {path} does not end in .png")
+        raise SplatclError(f"--plot {path} must end in .png")
     if find_spec("matplotlib") is None:
-        raise SplatclError("--plot needs matplotlib: pip install 'splatcl[bench]'")
+        raise SplatclError("--plot cannot draw without matplotlib; pip install 'splatcl[bench]'")
     check_writable(path)
 
 
@@ -39,7 +39,7 @@ def _work(result: Result) -> int:
 
 
 def save_plot(path: Path, results: Sequence[Result]) -> None:
-    """Draw the results and write them to `path`."""
+    """Plot the results and write the plot to `path`."""
     from matplotlib import colormaps
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,4 +1,4 @@
-"""What the machine can do at most: read, write and copy bandwidth, and arithmetic, measured on the spot."""
+"""Measure the limits of the device: bandwidths of reading, writing and copying, and arithmetic."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ import numpy as np
 
 from splatcl.apps.timing import seconds_of
 from splatcl.opencl.device.strictness import Device
-from splatcl.opencl.device.structs import REAL
+from splatcl.opencl.device.structs import REAL_CODES
 from splatcl.scene.settings import Precision
 
 BUFFER_BYTES = 512 << 20
-"""Far more than caches hold."""
+"""Size of each buffer, far above the size of caches."""
 SMALL_BYTES = 1 << 20
-"""Where only the arithmetic is measured."""
+"""Size of each buffer if only the arithmetic is measured."""
 STREAMS = 4
-"""Independent sums in one work-item, so that the latency of + does not bound the reading."""
+"""Number of independent sums in a work-item, so that the latency of + does not limit the reading."""
 CHAINS = 16
-"""Independent a = a b + c in one work-item, as many as vector registers: 12 are a fifth slower, 24 too."""
+"""Number of independent a = a b + c in a work-item: the number of vector registers; fewer or more are slower."""
 REPETITIONS = 7
-"""The best counts."""
+"""Number of measurements of a limit; the best one counts."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Bytes and operations a second; `flops` counts + and * by precision."""
+    """Bytes a second, and operations (+ and *) a second by precision."""
 
     read: float
     write: float
@@ -36,7 +36,7 @@ class Limits:
 
 
 class Roofline:
-    """The kernels of kernels/bench/roofline.cl on one device, and how much each moves or computes.
+    """The kernels of kernels/bench/roofline.cl on one device; `num_bytes` and `num_flops` are their work.
 
     Parameters
     ----------
@@ -44,11 +44,11 @@ class Roofline:
     num_bytes : int
         Size of each of the two buffers.
     precision : {"single", "double"}
-        Of the arithmetic.
+        Precision of the arithmetic.
     """
 
     def __init__(self, device: Device, num_bytes: int = BUFFER_BYTES, precision: Precision = "single") -> None:
-        real = np.dtype(REAL[precision])
+        real = np.dtype(REAL_CODES[precision])
         self._device, self._real = device, real
         self._lanes = device.lanes_of(real)
         on_cpu = device.mapping == "tile"
@@ -67,19 +67,19 @@ class Roofline:
             touch()
 
     def read(self) -> float:
-        """Read one buffer and return the seconds."""
+        """Read one buffer; return the time, seconds."""
         return self._run("roofline_read", self._numbers, self._sums, *map(np.int32, self._walk))
 
     def write(self) -> float:
-        """Write one buffer and return the seconds."""
+        """Write one buffer; return the time, seconds."""
         return self._run("roofline_write", self._numbers, *map(np.int32, self._walk))
 
     def copy(self) -> float:
-        """Copy one buffer to the other and return the seconds."""
+        """Copy one buffer to the other; return the time, seconds."""
         return self._run("roofline_copy", self._numbers, self._copy, *map(np.int32, self._walk))
 
     def arithmetic(self) -> float:
-        """Do `num_flops` and return the seconds."""
+        """Do `num_flops` operations; return the time, seconds."""
         numbers = self._real.type(0.999), self._real.type(0.001)
         return self._run("roofline_arithmetic", self._sums, *numbers, np.int32(self._steps))
 
@@ -95,7 +95,7 @@ class Roofline:
 
 
 def measure_limits(device: Device, num_bytes: int = BUFFER_BYTES) -> Limits:
-    """Return the best of several measurements of each limit."""
+    """Measure each limit several times and return the best values."""
     single = Roofline(device, num_bytes)
 
     def best(measure: Callable[[], float]) -> float:

@@ -1,6 +1,6 @@
-"""How many bytes each pass must move and how many operations it must do, and how near it is to that limit.
+"""The bytes and the operations that each pass needs, and its distance to the limits of the machine.
 
-Bytes are those of the pass' own input and output, once each. Operations are counted from the kernels' source.
+Bytes are those of the pass's input and output, once each. Operations are counted in the kernels' source.
 """
 
 from __future__ import annotations
@@ -14,67 +14,68 @@ from splatcl.apps.bench.roofline import Limits
 from splatcl.scene.settings import RenderSettings
 
 FLOPS = {
-    # bin.cl. Each splat: centre and tangents rotated 45, translated 3, error 4, depth range 8.
+    # passes/bin.cl. Each splat: center and tangents rotated 45, translated 3, error 4, depth range 8.
     "splat": 60,
-    # Where back faces are culled: g 9, |t_u||t_v| 5, g.c 5, tolerance 6.
+    # Each splat if back faces are culled: g 9, |t_u||t_v| 5, g.c 5, tolerance 6.
     "culled splat": 25,
     # Each listed splat: in front 1, half width and height 8, depths 2, ranges of pixels 2 x 30 and 1 / z 1, whole
     # pixels 12, tiles 4.
     "listed": 88,
-    # ... and where there are layers a depth that it is not nearer than: g 9, five products 25, thresholds 5, depth 9.
+    # Each listed splat if there are layers, for its least depth: g 9, five products 25, thresholds 5, depth 9.
     "layered": 48,
-    # project.cl. Each entry that it takes: centre to twice the precision 3 x 69 (three exact products of 11, three
+    # passes/project.cl. Each projected entry: center in twice the precision 3 x 69 (three exact products of 11, three
     # exact sums of 6, 12 for the low words, a last sum of 6), two tangents rotated 30, cross product 9, reach 4, unit
     # normal and facing 15, distance 6, choice of the reference 5, reference point 2 x 64 (two_divide 25, two_multiply
     # 21, two_add 14, rounding 4), coefficients 40, extents 42, slack 5, bounds of disc and pre-filter 16, their pixels
-    # 50, least depth 9, words of the boxes 8. The splats that need twice the precision throughout are few, cost more.
+    # 50, least depth 9, words of the boxes 8. The few splats in twice the precision throughout cost more.
     "entry": 574,
-    # tile.h, both raster passes. Each entry that they take: its box 15.
+    # passes/tile.h, in both raster passes. Each rasterized entry: its box 15.
     "taken": 15,
-    # visibility.cl, splat.h. Each lane: place 2, offsets 4, u and v 8, den 4, u^2 + v^2 <= den^2 4.
+    # passes/visibility.cl, splat/disc.h. Each lane: position 2, offsets 4, u and v 8, den 4, u^2 + v^2 <= den^2 4.
     "tested lane": 22,
     # Each disc hit: 1 / den, z.
     "hit": 2,
-    # attributes.cl, fragment.h. Each lane as above, place 2 more, then 1 / den, z, r3^2 2 ...
+    # passes/attributes.cl, splat/fragment.h. Each lane: as above, position 2 more, 1 / den, z, r3^2 2.
     "filtered lane": 28,
-    # ... and with the pre-filter r2^2.
+    # Each lane with the pre-filter: r2^2 6 more.
     "prefiltered lane": 34,
     # Each accepted fragment: weight 23 (exp: reduction 7, seven steps of 2, scaling 1, argument 1), sums 16.
     "fragment": 39,
-    # shade.cl, surface.h. Each pixel: ray 6, mean depth 1, position 3, direction 10, albedo 3, normal 10.
+    # passes/shade.cl, shading/surface.h. Each pixel: ray 6, mean depth 1, position 3, direction 10, albedo 3,
+    # normal 10.
     "pixel": 33,
-    # phong.h. Each pixel: ambient.
+    # shading/shaders/phong.h. Each pixel: ambient.
     "ambient": 3,
     # Each light: direction 13, N.L 5, diffuse 10, mirrored 7, R.V 5, power 43 (logarithm 20, exponent 1, exp 22),
     # specular 7.
     "light": 90,
-    # npr.h. Each pixel: nine differences of depths, N.V 5, places in the tones 3, colour 3.
+    # shading/shaders/npr.h. Each pixel: nine differences of depths, N.V 5, positions in the tones 3, color 3.
     "npr": 20,
     # Each light: direction 13, N.L 5, sum 6.
     "npr light": 24,
-    # depth.h. Each pixel: a division.
+    # shading/shaders/depth.h. Each pixel: a division.
     "depth": 1,
 }
-"""+ - * / and square roots, one each; comparisons, selects, conversions and changes of sign are none."""
+"""Operations of each item: + - * / and square root count 1; comparison, select, conversion and sign change count 0."""
 GBUFFER = 9
-"""Reals of a pixel: weight, colour 3, normal 3, depth sum, and the count that attributes writes or the depth that shade
-reads."""
+"""Reals of a pixel that attributes writes or shade reads: weight, color 3, normal 3, depth sum, and count or depth."""
 DEPTH_WRITES = 2
-"""Depth and id."""
+"""Words of a pixel that visibility writes: depth and id."""
 COLOR_WRITES = 4
+"""Reals of a pixel that shade writes: RGBA."""
 ID_BYTES, BOX_BYTES = 4, 8
 
 
 @dataclass(frozen=True)
 class Work:
-    """What one pass must do in one frame."""
+    """The bytes and the operations that one pass needs for one frame."""
 
     read_bytes: int
     written_bytes: int
     flops: int
 
     def limit_seconds(self, limits: Limits, settings: RenderSettings) -> tuple[float, str]:
-        """Return the least time that this can take, and whether "memory" or "arithmetic" sets it."""
+        """Return the least possible time, seconds, and the resource that limits it: "memory" or "arithmetic"."""
         memory = self.read_bytes / limits.read + self.written_bytes / limits.write
         arithmetic = self.flops / limits.flops[settings.precision]
         return max((memory, "memory"), (arithmetic, "arithmetic"))
@@ -82,7 +83,7 @@ class Work:
 
 @dataclass(frozen=True)
 class PassLimit:
-    """A pass against its own limit. `lanes_used` is the share of lanes whose result counted, None where it has none."""
+    """The work of a pass and its limit; `lanes_used` is the share of lanes whose result counts, None without lanes."""
 
     work: Work
     limit_seconds: float
@@ -91,7 +92,7 @@ class PassLimit:
     lanes_used: float | None
 
     def as_json(self) -> dict[str, Any]:
-        """Return everything."""
+        """Return all fields as JSON's types."""
         return {**vars(self.work), **{name: value for name, value in vars(self).items() if name != "work"}}
 
 
@@ -156,7 +157,7 @@ def _shade_flops(result: Result) -> int:
 
 
 def limits_of(result: Result, limits: Limits) -> dict[str, PassLimit]:
-    """Return how near each pass comes to its own limit."""
+    """Compare the time of each pass with its limit."""
     used = lanes_used(result)
     found = {}
     for name, work in work_of(result).items():
@@ -167,7 +168,7 @@ def limits_of(result: Result, limits: Limits) -> dict[str, PassLimit]:
 
 
 def lanes_used(result: Result) -> dict[str, float]:
-    """Return the share of evaluated lanes that hit a disc (visibility) or were accumulated (attributes)."""
+    """Return the share of evaluated lanes that hit a disc (visibility) or give a fragment (attributes)."""
     counts, fragments = result.counts, result.fragments
     return {
         "visibility": fragments.hits / max(counts.visibility_lanes, 1),

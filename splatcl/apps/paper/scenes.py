@@ -25,7 +25,7 @@ NO_SCAN = "Only a checkout has the bundled scan. A sphere of as many splats repl
 
 
 def scan() -> tuple[Splats, tuple[str, ...]]:
-    """Return the bundled scan, and a note if it is not there."""
+    """Return the bundled scan; without a checkout, return a sphere and a note."""
     path = bundled_scan()
     return (fibonacci_sphere(30_571), (NO_SCAN,)) if path is None else (read(path), ())
 
@@ -70,24 +70,24 @@ def checkerboard_camera(width: int, height: int) -> Camera:
 
 
 def checkerboard_truth(camera: Camera, n: int) -> Array:
-    """Return the (H, W, 3) checkerboard itself, the mean of n x n rays a pixel, no splats."""
+    """Return the exact (H, W, 3) checkerboard: the mean of n x n rays in each pixel, without splats."""
     rows = []
     for top in range(camera.height):
         origin, direction = rays(camera, n, top)
-        place = origin + direction * (-origin[1] / direction[..., 1])[..., None]
-        rows.append(box_filtered(checker_color(place[..., 0], place[..., 2]), n))
+        point = origin + direction * (-origin[1] / direction[..., 1])[..., None]
+        rows.append(box_filtered(checker_color(point[..., 0], point[..., 2]), n))
     return np.concatenate(rows)
 
 
 def undersampled(camera: Camera) -> Array:
     """Return (H, W) bool: where a pixel of the checkerboard is longer than two squares, so that its image is gray."""
     origin, direction = rays(camera)
-    length = origin[1] / direction[..., 1] ** 2 / camera.fy  # of the place's z by the pixel's y
+    length = origin[1] / direction[..., 1] ** 2 / camera.fy  # d(z of the floor point) / d(y of the pixel)
     return length >= 2 * CHECK
 
 
 def rays(camera: Camera, n: int = 1, row: int | None = None) -> tuple[Array, Array]:
-    """Return the (3,) eye and the directions of the rays of a perspective camera, world space, eye z 1.
+    """Return the (3,) eye and the directions of a perspective camera's rays, world space; their eye-space z is 1.
 
     Directions are (n H, n W, 3), n x n to each pixel, or (n, n W, 3) for one row of pixels.
     """
@@ -98,13 +98,13 @@ def rays(camera: Camera, n: int = 1, row: int | None = None) -> tuple[Array, Arr
 
 
 def sample(length: int, n: int) -> Array:
-    """Return the (n length,) places of n samples to each pixel, pixels."""
+    """Return the (n length,) coordinates of n samples for each pixel, pixels."""
     return (np.arange(length * n) + 0.5) / n
 
 
 NEAR_FLOOR = {"x": (-6.0, 6.0), "z": (-10.0, 0.0)}
 EYE_HEIGHT, STONE = 0.25, 0.5
-"""Of the eye above the near floor, and distance of that floor's discs, scene units."""
+"""Height of the eye above the near floor, and distance of that floor's discs, scene units."""
 
 
 def touching_floor() -> Splats:
@@ -114,7 +114,7 @@ def touching_floor() -> Splats:
 
 
 def low_camera(width: int, height: int, down: float = 30.0) -> Camera:
-    """Return a wide-angle camera just above the floor, turned `down` by so many degrees.
+    """Return a wide-angle camera just above the floor, turned down by `down` degrees.
 
     Every disc is in front of the eye plane at 30 degrees; at 20 the nearest ones reach through it.
     """
@@ -127,14 +127,14 @@ def on_floor(camera: Camera) -> Array:
     origin, direction = rays(camera)
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = -origin[1] / direction[..., 1]
-        place = origin + direction * distance[..., None]
+        point = origin + direction * distance[..., None]
     low, high = np.array([NEAR_FLOOR["x"], NEAR_FLOOR["z"]]).T
-    inside = (place[..., ::2] >= low) & (place[..., ::2] <= high)
+    inside = (point[..., ::2] >= low) & (point[..., ::2] <= high)
     return (distance > 0) & inside.all(axis=-1)
 
 
 def sphere(num: int) -> Splats:
-    """Return the unit sphere with its exact linear normal field: on it the normal is the place."""
+    """Return the unit sphere with its exact linear normal field: on it the normal is the position."""
     return with_field(fibonacci_sphere(num))
 
 

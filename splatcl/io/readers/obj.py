@@ -1,6 +1,6 @@
 """OBJ meshes and points.
 
-trimesh reads OBJ too, but it rounds vertex colors to 8 bits, truncates lines of unequal length silently, and counts
+trimesh reads OBJ too, but it rounds vertex colors to 8 bits and truncates lines of unequal length silently. It counts
 relative indices from the end of the file.
 """
 

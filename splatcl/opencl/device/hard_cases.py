@@ -23,8 +23,8 @@ MODERATE = 2.0**40
 def operands(precision: Precision, count: int) -> NDArray[Any]:
     """Return (4, count) operands a, b, c, d, the same in every run; `count` is at least 4096.
 
-    They are all pairs of special values, quotients a / b and roots of a close to a tie, sums a + b and a c + b that
-    cancel, numbers of moderate size, and arbitrary bit patterns.
+    They include all pairs of special values, and quotients a / b and roots of a close to a tie. Sums a + b and a c + b
+    cancel in some. The others are numbers of moderate size and arbitrary bit patterns.
     """
     rng, dtype = np.random.default_rng(2005), REALS[precision]
     special = np.array(list(itertools.product(_special(dtype), repeat=2)), dtype).T

@@ -10,7 +10,7 @@ import numpy as np
 
 from splatcl.scene.settings import Precision
 
-REAL: dict[Precision, str] = {"single": "f4", "double": "f8"}
+REAL_CODES: dict[Precision, str] = {"single": "f4", "double": "f8"}
 """NumPy code of each precision's real."""
 C_NAMES = {"f4": "float", "f8": "double", "i4": "int", "u4": "uint", "i2": "short"}
 """C type of each NumPy code."""

@@ -114,7 +114,7 @@ def light_arguments(context: PassContext, structs: tuple[Any, Any], shadows: Sha
     structs : tuple
         As `shading_structs` returns them.
     shadows : Shadows, optional
-        As `shadow.cast` returns them.
+        As `shadow.shadow` returns them.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def light_arguments(context: PassContext, structs: tuple[Any, Any], shadows: Sha
 
 
 def shading_metadata(device: Device, settings: RenderSettings, shadows: Shadows | None) -> dict[str, Any]:
-    """Return what a frame records of its shading: each light's shadow bias, and why the image may be inexact."""
+    """Return the metadata of shading: each light's shadow bias, and the reason if the image may be inexact."""
     metadata: dict[str, Any] = {"shadow_bias": shadows.bias} if shadows else {}
     if inexact := device.strictness.reason(settings.precision):
         metadata["inexact"] = inexact

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from splatcl.opencl.device.program import file_of
 from splatcl.opencl.device.strictness import Device
-from splatcl.opencl.device.structs import REAL, structs
+from splatcl.opencl.device.structs import REAL_CODES, structs
 from splatcl.opencl.state.buffers import DepthBuffer, GBuffer, TileLists
 from splatcl.scene.camera import Camera, rotated
 from splatcl.scene.settings import Precision, RenderSettings
@@ -52,8 +52,8 @@ class PassContext:
     ) -> None:
         self.device, self.camera, self.settings, self.tile_size = device, camera, settings, tile_size
         self.first_column, self.first_row = first
-        self.precision, self.real = precision, np.dtype(REAL[precision])
-        self.dtypes, self.declarations = structs(REAL[precision])
+        self.precision, self.real = precision, np.dtype(REAL_CODES[precision])
+        self.dtypes, self.declarations = structs(REAL_CODES[precision])
         self.lanes = device.lanes_of(self.real)
         self.tiles_x = -(-camera.width // tile_size)
         self.num_tiles = self.tiles_x * -(-camera.height // tile_size)

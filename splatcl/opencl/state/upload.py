@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl.opencl.device.strictness import Device
-from splatcl.opencl.device.structs import REAL
+from splatcl.opencl.device.structs import REAL_CODES
 from splatcl.scene.settings import Precision
 from splatcl.scene.splats import Splats
 
@@ -51,7 +51,7 @@ class AttributeGroup:
 
 def upload(device: Device, splats: Splats, precision: Precision) -> DeviceSplats:
     """Copy splats to the device, relative to `near_origin`."""
-    real = np.dtype(REAL[precision])
+    real = np.dtype(REAL_CODES[precision])
     origin = near_origin(splats.center)
     num = len(splats)
     stride = -(-max(num, 1) // PLANE_PAD) * PLANE_PAD

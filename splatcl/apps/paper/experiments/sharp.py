@@ -76,7 +76,7 @@ def _off_surface(solid: features.Solid, z: NDArray[Any], camera: Camera) -> floa
     """
     covered = np.isfinite(z)
     origin, direction = rays(camera)
-    place = origin + z[covered].astype(np.float64)[:, None] * direction[covered]
+    point = origin + z[covered].astype(np.float64)[:, None] * direction[covered]
     steps = NEAR_SURFACE * np.concatenate([np.eye(3), -np.eye(3)])
-    inside = np.stack([solid.inside(place + step) for step in steps])
+    inside = np.stack([solid.inside(point + step) for step in steps])
     return float(np.mean(inside.all(axis=0) | ~inside.any(axis=0)))
