@@ -66,7 +66,7 @@ def test_ewa_weights_are_a_convolution(renderer, footprint):
 
 
 def test_conic_footprint_is_the_ray_casts_at_the_contour(renderer):
-    """At the cutoff contour both are the projected disc ([ZRB04] section 3), to rounding."""
+    """At the cutoff contour both are the projected disc ([ZRB04] section 4), to rounding."""
     splats, camera = extended("random_ellipses", 9), CAMERAS["outside"]
     settings = RenderSettings(0.1, footprint="conic", prefilter="none")
     projected = project(splats, camera, settings)
