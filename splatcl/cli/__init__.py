@@ -122,13 +122,15 @@ app = App(
 for place, (title, commands) in enumerate(COMMANDS.items()):
     group = Group(title, sort_key=place)
     for number, (name, (summary, details)) in enumerate(commands.items()):
+        # A command with subcommands is an App and sets its own epilogue.
+        epilogue = {} if name == "paper" else {"help_epilogue": RENDER_EXAMPLES if name == "render" else ""}
         app.command(
             f"splatcl.cli.commands.{name}:{name}",
             name=name,
             help=f"{summary}\n\n{details}",
-            help_epilogue=RENDER_EXAMPLES if name == "render" else "",
             group=group,
             sort_key=number,
+            **epilogue,
         )
 
 

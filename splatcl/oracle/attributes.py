@@ -23,7 +23,7 @@ def attributes(
 ) -> GBuffer:
     """Accumulate w, w color, w n, w z and w a over the fragments with r^2 <= 1 and z <= depth(p) + epsilon.
 
-    r^2 = min(r3^2, r2^2) with the pre-filter "min" ([BHZK05] section 4). Under shading="fragment" ([BSK04]) and "splat"
+    r^2 = min(r3^2, r2^2) with the pre-filter "min" ([BHZK05] section 5). Under shading="fragment" ([BSK04]) and "splat"
     ([BK03]) the color is lit before it is blended.
 
     Parameters

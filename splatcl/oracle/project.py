@@ -27,7 +27,7 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
     """Move splats from world to eye space, decide their facing and bound their footprints.
 
     A splat faces away iff n.c >= 0 (orthographic: n_z >= 0). The bounds are those of the footprint, its low-pass filter
-    included, and of the pre-filter "min" ([BHZK05] section 4).
+    included, and of the pre-filter "min" ([BHZK05] section 5).
     """
     facing = settings.facing if splats.oriented else "flip"
     rotation, translation = camera.eye_from_world[:3, :3], camera.eye_from_world[:3, 3]

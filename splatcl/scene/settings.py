@@ -66,7 +66,7 @@ class RenderSettings:
     along : {"z", "ray"}
         z: measure epsilon along the eye's z axis; ray: along the viewing ray [ZRB04].
     prefilter : {"min", "none", "ewa"}
-        min: r^2 = min(r3^2, r2^2) with the distances r3 on the splat and r2 on the screen [BHZK05, section 4];
+        min: r^2 = min(r3^2, r2^2) with the distances r3 on the splat and r2 on the screen [BHZK05, section 5];
         none: r3^2 alone; ewa: the Gaussian, convolved with a low-pass Gaussian on the screen [ZPvBG01, ZRB04],
         for the footprints affine and conic.
     prefilter_radius : float

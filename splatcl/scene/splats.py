@@ -46,7 +46,7 @@ class Splats:
         Linear normal field, world space. The normal at (u, v) of the disc is normalize(n + u n_du + v n_dv)
         ([BSK04]); n is the disc's own normal. Give both arrays or neither.
     clip : (N, 2, 3) float array, optional
-        Up to two clip lines as rows (a, b, c), disc coordinates ([ZRB04] section 4). The half plane
+        Up to two clip lines as rows (a, b, c), disc coordinates ([ZRB04] section 5). The half plane
         a u + b v + c >= 0 of the disc and of its pre-filter is kept. A row of zeros cuts nothing.
     attributes : mapping of str to (N,) float array
         Named channels, blended like the color; each becomes the AOV ``attribute.NAME``. ``specular`` and

@@ -66,7 +66,7 @@ def test_ewa_weights_are_a_convolution(renderer, footprint):
 
 
 def test_conic_footprint_is_the_ray_casts_at_the_contour(renderer):
-    """Both are the projected disc at the cutoff contour, to rounding ([ZRB04] section 3)."""
+    """Both are the projected disc at the cutoff contour, to rounding ([ZRB04] section 4)."""
     splats, camera = extended("random_ellipses", 9), CAMERAS["outside"]
     settings = RenderSettings(0.1, footprint="conic", prefilter="none")
     projected = project(splats, camera, settings)

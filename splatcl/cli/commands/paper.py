@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 
 from splatcl.cli.options.device import DeviceOption
 from splatcl.errors import SettingsError
@@ -14,8 +14,12 @@ from splatcl.util.progress import stage
 QUICK = 0.5
 """Scale of the images of a --quick run."""
 
+paper = App(name="paper", help_epilogue="")
+"""Command with its subcommand `list`; no experiment bears that name."""
 
-def paper(
+
+@paper.default
+def rerun(
     *names: str,
     output: Annotated[Path, Parameter(alias="-o")] = Path("out/paper"),
     quick: bool = False,
@@ -57,3 +61,39 @@ def paper(
     else:
         write_folder(output, results)
     print(f"wrote {docs / 'trust' / 'paper.md' if docs else output / 'index.md'}")
+
+
+@paper.command(name="list")
+def list_claims(
+    *,
+    paper: Literal["BHZK05", "slides", "ZRB04"] | None = None,
+    status: Literal["experiment", "definition", "not rerun"] | None = None,
+    json: bool = False,
+    docs: Path | None = None,
+) -> None:
+    """List every claim of the papers with its status. See docs/trust/claims.md.
+
+    Parameters
+    ----------
+    paper : str
+        List the rows of one paper [default: all].
+    status : str
+        List the rows of one status: those that an experiment measures, definitions, or those that are not rerun.
+    json : bool
+        Print JSON.
+    docs : path
+        Folder for trust/claims.md, with all rows, in place of the printed table.
+    """
+    from splatcl.apps.paper.claims import chosen_rows
+    from splatcl.apps.paper.claims_report import as_json, print_rows, write_page
+
+    if docs and (paper or status or json):
+        raise SettingsError("--docs takes all rows; leave out --paper, --status and --json")
+    if docs:
+        print(f"wrote {write_page(docs)}")
+        return
+    rows = chosen_rows(paper, status)
+    if json:
+        print(as_json(rows))
+    else:
+        print_rows(rows)

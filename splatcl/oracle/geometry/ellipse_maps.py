@@ -18,7 +18,7 @@ class EllipseMaps:
     """Ellipses of N splats in disc coordinates w = M^-1 x, with x in pixels from the projected center.
 
     The contour is |w|^2 = (1 + g.w)^2. For the affine map g is 0 and the contour is the unit circle's image. For the
-    conic map g = -(t_u,z, t_v,z) / c_z and the contour is the projected disc's ([ZRB04] section 3).
+    conic map g = -(t_u,z, t_v,z) / c_z and the contour is the projected disc's ([ZRB04] section 4).
     """
 
     center: Array  # (N, 2) projected center, raster
@@ -85,7 +85,7 @@ class EllipseMaps:
 
     @cached_property
     def factor(self) -> Array:
-        """(N,) sqrt(|V| / |V + cutoff^2 H|), the factor of the weight under EWA (compare [ZRB04] eq. 11)."""
+        """(N,) sqrt(|V| / |V + cutoff^2 H|), the factor of the weight under EWA (compare [ZRB04] eq. 3)."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             det, filtered = self.det_m**2 / self.rest**3, self.filtered
             return np.sqrt(det / (filtered[:, 0, 0] * filtered[:, 1, 1] - filtered[:, 0, 1] ** 2))

@@ -54,7 +54,7 @@ class Footprints:
         return _cut(cover(self.ellipses, filtered, self.camera, s), hits.kept, hits.kept_margin)
 
     def prefilter(self, hits: Hits, s: Array) -> Coverage:
-        """Evaluate the pre-filter "min" ([BHZK05] section 4) within the clip lines."""
+        """Evaluate the pre-filter "min" ([BHZK05] section 5) within the clip lines."""
         return _cut(_prefilter(self.projected, self.camera, self.settings, s), hits.kept, hits.kept_margin)
 
     def visibility_fragments(self, s: Array) -> Fragments:

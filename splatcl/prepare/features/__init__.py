@@ -1,1 +1,1 @@
-"""Splats that end at sharp edges ([ZRB04] section 4); `splatcl.features` holds the public names."""
+"""Splats that end at sharp edges ([ZRB04] section 5); `splatcl.features` holds the public names."""

@@ -1,4 +1,4 @@
-"""Clip lines: the lines in which planes cut discs, and the choice of two lines for each disc ([ZRB04] section 4).
+"""Clip lines: the lines in which planes cut discs, and the choice of two lines for each disc ([ZRB04] section 5).
 
 A line (a, b, c) keeps the half plane a u + b v + c >= 0, in disc coordinates. It is normalized if |(a, b)| = 1.
 """

@@ -1,4 +1,4 @@
-"""Splats of solids: discs cover each surface, and clip lines end them at the solid's edges ([ZRB04] section 4)."""
+"""Splats of solids: discs cover each surface, and clip lines end them at the solid's edges ([ZRB04] section 5)."""
 
 from __future__ import annotations
 

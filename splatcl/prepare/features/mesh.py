@@ -1,4 +1,4 @@
-"""Splats of a mesh that end at its sharp edges ([ZRB04] section 4)."""
+"""Splats of a mesh that end at its sharp edges ([ZRB04] section 5)."""
 
 from __future__ import annotations
 
