@@ -109,10 +109,11 @@ INLINE weight_range weights_between(const envelope_settings *f, reals r_low, rea
   const reals a = weight_of(r_low * r_low, f->falloff, f->table, f->table_size);
   const reals b = weight_of(r_high * r_high, f->falloff, f->table, f->table_size);
   weight_range w = {least_of(a, b), most_of(a, b)};
+  const reals first = table_place(r_low * r_low, f->table_size), end = table_place(r_high * r_high, f->table_size);
   const real rounding = KERNEL == TABLE_NEAREST ? R(0.5) : R(0.0);
   for (int lane = 0; lane < LANES; ++lane) {
-    const real low = LANE_OF(r_low, lane) * (real)(f->table_size - 1) - rounding;
-    const int last = (int)(LANE_OF(r_high, lane) * (real)(f->table_size - 1) + rounding);
+    const real low = LANE_OF(first, lane) - rounding;
+    const int last = (int)(LANE_OF(end, lane) + rounding);
     for (int k = low > R(0.0) ? (int)low + ((real)(int)low < low) : 0; k <= last; ++k) {
       real *least = (real *)&w.low + lane, *most = (real *)&w.high + lane;
       if (f->table[k] < *least) *least = f->table[k];

@@ -18,7 +18,7 @@ from splatcl.evidence.host import margin as host_margin
 from splatcl.evidence.host import pairs
 from splatcl.opencl.device import program
 
-TABLES = ("nearest", "linear")
+TABLES = ("nearest", "linear", "texture", "linear texture")
 
 
 NONE = dict.fromkeys(BOUNDED, 0)

@@ -16,13 +16,23 @@ CHOICES = {
     "linear": RenderSettings(
         epsilon=EPSILON, kernel="table", kernel_table=(1.0, 0.2, 0.9), kernel_lookup="linear", facing="flip"
     ),
+    "texture": RenderSettings(
+        epsilon=EPSILON, kernel="table", kernel_table=(1.0, 0.8, 0.9, 0.1), table_addressing="texture", table_over="r2"
+    ),
+    "linear texture": RenderSettings(
+        epsilon=EPSILON,
+        kernel="table",
+        kernel_table=(1.0, 0.2, 0.9),
+        kernel_lookup="linear",
+        table_addressing="texture",
+    ),
 }
 
 
 EVERY = [
     (*view, choices)
     for i, view in enumerate(VIEWS)
-    for choices in ("default", ("culled", "first", "nearest", "linear")[i % 4])
+    for choices in ("default", ("culled", "first", "nearest", "linear", "texture", "linear texture")[i % 6])
 ]
 """Every scene under every camera with the default settings, and with one other each."""
 

@@ -178,6 +178,25 @@ def test_weight_falls_from_one_to_the_rim(cutoff):
         # r = 0, 1/4, 1/2, 3/4, 1 over three samples: positions 0, 1/2, 1, 3/2, 2
         ({"kernel": "table", "kernel_table": (8, 4, 1)}, [8, 4, 4, 1, 1, 0]),
         ({"kernel": "table", "kernel_table": (8, 4, 1), "kernel_lookup": "linear"}, [8, 6, 4, 2.5, 1, 0]),
+        # r^2 = 0, 1/16, 1/4, 9/16, 1: positions 0, 1/8, 1/2, 9/8, 2
+        ({"kernel": "table", "kernel_table": (8, 4, 1), "table_over": "r2"}, [8, 8, 4, 4, 1, 0]),
+        # three texels: positions 0, 1/4, 1, 7/4, 2, the first and the last clamped
+        (
+            {"kernel": "table", "kernel_table": (8, 4, 1), "kernel_lookup": "linear", "table_addressing": "texture"},
+            [8, 7, 4, 1.75, 1, 0],
+        ),
+        # four texels: floor(4 r), and 3 at the rim
+        ({"kernel": "table", "kernel_table": (8, 4, 2, 1), "table_addressing": "texture"}, [8, 4, 2, 1, 1, 0]),
+        # four texels over r^2: floor(0, 1/4, 1, 9/4, 4)
+        (
+            {
+                "kernel": "table",
+                "kernel_table": (8, 4, 2, 1),
+                "table_addressing": "texture",
+                "table_over": "r2",
+            },
+            [8, 8, 4, 2, 1, 0],
+        ),
     ],
 )
 def test_kernels(kernel, expected):

@@ -24,6 +24,9 @@ KERNELS = {
     "constant": {"kernel": "constant"},
     "nearest": {**TABLE, "kernel_lookup": "nearest"},
     "linear": {**TABLE, "kernel_lookup": "linear"},
+    "linear over r2": {**TABLE, "kernel_lookup": "linear", "table_over": "r2"},
+    "linear texture": {**TABLE, "kernel_lookup": "linear", "table_addressing": "texture"},
+    "linear texture over r2": {**TABLE, "kernel_lookup": "linear", "table_addressing": "texture", "table_over": "r2"},
 }
 PREFILTERS = {
     "none": {"prefilter": "none"},
@@ -63,10 +66,18 @@ def test_the_prefilter_about_the_bounds(device, scene_name, precision):
         check(device, scene_name, camera_name, settings)
 
 
-@pytest.mark.parametrize("prefilter", PREFILTERS)
-def test_a_nearest_table(device, prefilter):
-    """A weight there jumps where r crosses half a sample, which the oracle's margin does not know of."""
-    settings = RenderSettings(epsilon=EPSILON, **KERNELS["nearest"], **PREFILTERS[prefilter])
+@pytest.mark.parametrize(
+    ("prefilter", "table"),
+    [
+        *((prefilter, {}) for prefilter in PREFILTERS),
+        ("projected", {"table_addressing": "texture"}),
+        ("none", {"table_over": "r2"}),
+        ("projected", {"table_addressing": "texture", "table_over": "r2"}),
+    ],
+)
+def test_a_nearest_table(device, prefilter, table):
+    """A weight there jumps where r crosses from one sample to the next, which the oracle's margin does not know of."""
+    settings = RenderSettings(epsilon=EPSILON, **KERNELS["nearest"], **PREFILTERS[prefilter], **table)
     for camera_name in ("off_center", "orthographic"):
         got = DevicePasses(device, scene("random_ellipses"), CAMERAS[camera_name], settings).raster()
         want = reference("random_ellipses", camera_name, settings).gbuffer

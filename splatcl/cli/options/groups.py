@@ -11,7 +11,7 @@ SUBJECTS = {
     "Visibility": ("epsilon", "along", "facing"),
     "Weights": (
         *("prefilter", "prefilter-radius", "prefilter-center"),
-        *("cutoff", "kernel", "kernel-table", "kernel-lookup"),
+        *("cutoff", "kernel", "kernel-table", "kernel-lookup", "table-addressing", "table-over"),
     ),
     "Color and lights": ("shader", "user-shader", "light", "material", "npr", "time"),
     "Sampling and precision": ("supersampling", "precision", "target", "half-inputs"),

@@ -17,7 +17,7 @@ from splatcl.errors import SettingsError
 from splatcl.evidence.host.means import Choices, greatest_mean, normalized, weight_bounds
 from splatcl.evidence.host.pairs import MAX_MARGIN, Fragments, Pairs, bands, fragments
 from splatcl.oracle.buffers import Array, ProjectedSplats
-from splatcl.oracle.geometry.fragments import kernel_weight
+from splatcl.oracle.geometry.fragments import kernel_weight, table_position
 from splatcl.oracle.geometry.rays import UNIT
 from splatcl.oracle.project import project
 from splatcl.scene.camera import Camera
@@ -219,8 +219,8 @@ def _table_range(settings: RenderSettings, r_low: Array, r_high: Array) -> tuple
     ends = kernel_weight(r_low**2, settings), kernel_weight(r_high**2, settings)
     low, high = np.minimum(*ends), np.maximum(*ends)
     rounding = 0.5 if settings.kernel_lookup == "nearest" else 0.0
-    first = np.ceil(r_low * (len(table) - 1) - rounding).astype(np.int64)
-    last = np.floor(r_high * (len(table) - 1) + rounding).astype(np.int64)
+    first = np.ceil(table_position(r_low**2, settings) - rounding).astype(np.int64)
+    last = np.floor(table_position(r_high**2, settings) + rounding).astype(np.int64)
     length = last - first + 1
     least, most, span = table, table, 1
     while span <= len(table):
