@@ -14,6 +14,7 @@ Footprint = Literal["method", "raycast", "affine", "conic"]
 Normals = Literal["method", "constant", "field"]
 Shading = Literal["method", "deferred", "fragment", "splat"]
 Along = Literal["z", "ray"]
+EpsilonTest = Literal["inclusive", "strict"]
 Prefilter = Literal["method", "min", "none", "ewa"]
 PrefilterCenter = Literal["projected", "bounds"]
 Kernel = Literal["gaussian", "constant", "table"]
@@ -67,6 +68,9 @@ class RenderSettings:
         Depth tolerance of the visibility test, scene units, >= 0; auto: the median of max(|t_u|, |t_v|).
     along : {"z", "ray"}
         z: measure epsilon along the eye's z axis; ray: along the viewing ray [ZRB04].
+    epsilon_test : {"inclusive", "strict"}
+        inclusive: a fragment counts if z <= depth(p) + epsilon; strict: if z < depth(p) + epsilon, as with OpenGL's
+        LESS and an offset, so epsilon 0 draws no disc.
     prefilter : {"min", "none", "ewa"}
         min: r^2 = min(r3^2, r2^2) with the distances r3 on the splat and r2 on the screen [BHZK05, section 4];
         none: r3^2 alone; ewa: the Gaussian, convolved with a low-pass Gaussian on the screen [ZPvBG01, ZRB04],
@@ -151,6 +155,7 @@ class RenderSettings:
     time: float = 0.0
     table_addressing: TableAddressing = "samples"
     table_over: TableOver = "r"
+    epsilon_test: EpsilonTest = "inclusive"
 
     def __post_init__(self) -> None:
         for name, default in (DEFAULTS | METHODS.get(self.method, {})).items():

@@ -204,6 +204,31 @@ def test_kernels(kernel, expected):
     assert_array_equal(image["weight"][16, 16:22], expected)
 
 
+@pytest.mark.parametrize(("gap", "epsilon", "inclusive", "strict"), [(0, 0, 2, 0), (0.5, 0.5, 2, 1), (0.5, 0.75, 2, 2)])
+def test_the_epsilon_test_at_its_limit(gap, epsilon, inclusive, strict):
+    """Two discs one `gap` behind the other: the limit itself is inside the inclusive test alone."""
+    splats = discs(facing_disc(2.0, 0.25), facing_disc(2.0 + gap, 0.5))
+    counts = [
+        render(splats, camera(), epsilon=epsilon, epsilon_test=test)["count"][16, 16]
+        for test in ("inclusive", "strict")
+    ]
+    assert counts == [inclusive, strict]
+
+
+def test_a_strict_epsilon_of_zero_draws_no_disc():
+    image = render(discs(facing_disc(2.0, 0.25)), camera(), epsilon=0.0, epsilon_test="strict")
+    assert image["Z"][16, 16] == 2.0 and image["particleid"][16, 16] == 0
+    assert not image["count"].any() and not image["color"].any()
+    assert image["margin"][16, 16] > 1e3  # rounding cannot draw it
+
+
+def test_the_margin_of_a_strict_epsilon_is_that_of_its_sum():
+    """z + epsilon exceeds z by four units of 2^-24 z."""
+    image = render(discs(facing_disc(2.0, 0.25)), camera(), epsilon=8 * UNIT, epsilon_test="strict")
+    assert image["count"][16, 16] == 1
+    assert image["margin"][16, 16] == pytest.approx(4, rel=1e-6)
+
+
 def test_zero_weight_is_counted_but_not_covered():
     image = render(discs(facing_disc(2.0, 0.25)), camera(), kernel="table", kernel_table=(0, 0))
     assert image["count"][16, 16] == 1

@@ -94,6 +94,26 @@ def test_every_facing_and_direction_of_epsilon(device, along, facing, precision)
         check(device, scene_name, camera_name, settings)
 
 
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("epsilon", [0.0, 1e-3, EPSILON, 100.0])
+@pytest.mark.parametrize("prefilter", ["min", "none"])
+def test_a_strict_epsilon(device, epsilon, prefilter, precision):
+    """Mutation: `<=` in is_accepted."""
+    settings = RenderSettings(epsilon=epsilon, epsilon_test="strict", prefilter=prefilter, precision=precision)
+    for scene_name, camera_name in (("layers", "outside"), ("random_ellipses", "orthographic")):
+        got = check(device, scene_name, camera_name, settings)
+        if epsilon == 0 and prefilter == "none":
+            assert np.isfinite(got["depth"]).any() and not got["count"].any() and not got["weight_sum"].any()
+
+
+def test_a_strict_epsilon_that_vanishes_in_the_sum_draws_no_disc(device):
+    settings = RenderSettings(epsilon=1e-12, epsilon_test="strict", prefilter="none")
+    got = DevicePasses(device, scene("layers"), CAMERAS["outside"], settings).raster()
+    assert np.isfinite(got["depth"]).any() and not got["count"].any()
+    got = DevicePasses(device, scene("layers"), CAMERAS["outside"], replace(settings, precision="double")).raster()
+    np.testing.assert_array_equal(got["count"], np.isfinite(got["depth"]))
+
+
 @pytest.mark.parametrize("epsilon", [0.0, 1e-3, EPSILON, 4 * EPSILON, 100.0])
 def test_every_epsilon(device, epsilon):
     settings = RenderSettings(epsilon=epsilon)

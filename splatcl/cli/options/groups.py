@@ -8,7 +8,7 @@ from cyclopts import Group
 
 SUBJECTS = {
     "Method": ("method", "footprint", "circular", "normals", "shading"),
-    "Visibility": ("epsilon", "along", "facing"),
+    "Visibility": ("epsilon", "along", "epsilon-test", "facing"),
     "Weights": (
         *("prefilter", "prefilter-radius", "prefilter-center"),
         *("cutoff", "kernel", "kernel-table", "kernel-lookup", "table-addressing", "table-over"),

@@ -83,6 +83,8 @@ def scenes() -> tuple[GoldenScene, ...]:
         GoldenScene("sub_pixel_bounds", small, far, bounds),
         GoldenScene("layers", layered, before, RenderSettings(0.125, shader="albedo")),
         GoldenScene("layers_front", layered, before, RenderSettings(0.0, shader="albedo")),
+        GoldenScene("layers_strict", layered, before, RenderSettings(0.125, shader="albedo", epsilon_test="strict")),
+        GoldenScene("strict_zero", discs, far, RenderSettings(0.0, shader="albedo", epsilon_test="strict")),
         GoldenScene("along_ray", layered, before, ray),
         GoldenScene("along_ray_orthographic", discs, flat, ray),
         GoldenScene("culled", discs, far, RenderSettings(0.125, prefilter="none", facing="cull", shader="albedo")),

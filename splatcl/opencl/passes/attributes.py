@@ -86,5 +86,6 @@ def fragment_arguments(context: PassContext, epsilon: float) -> tuple[tuple[Any,
         "TABLE_TEXTURE": int(settings.table_addressing == "texture"),
         "TABLE_OVER_R2": int(settings.table_over == "r2"),
         "TARGET": context.target,
+        "STRICT_EPSILON": int(settings.epsilon_test == "strict"),
     }
     return arguments, options
