@@ -301,6 +301,7 @@ def refuse_unsupported(camera: splatcl.Camera, settings: splatcl.RenderSettings)
         raise CameraError(f"the OpenGL backend has perspective cameras only, not {camera.projection}")
     for name, supported in (
         ("along", ("z",)),
+        ("epsilon_test", ("inclusive",)),
         ("prefilter_center", ("projected",)),
         ("kernel", ("gaussian", "constant")),
         ("precision", ("single",)),

@@ -26,7 +26,8 @@ kernel void accounting(constant View *view, global const ProjectedSplat *records
         const hit h = intersect(&d, (reals)x, (reals)y);
         const fragment f = fragment_of(&d, &p, &e, &h, view->near, view->far, inverse_radius2);
         const real z = depth[(long)y * view->width + x];
-        if (f.exists && f.z <= farthest_accepted(view, (reals)x, (reals)y, z, epsilon, along_ray)) ++total;
+        const reals farthest = farthest_accepted(view, (reals)x, (reals)y, z, epsilon, along_ray);
+        if (f.exists & is_accepted(f.z, farthest)) ++total;
       }
   }
   num_fragments[get_global_id(0)] = total;

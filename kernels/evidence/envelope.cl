@@ -3,7 +3,8 @@
 // A work-item takes a tile, block by block. It lists the splats that touch the block, bounds the depth, bounds the
 // weight of each possible fragment, and finds the extremes of the weighted means.
 //
-// VALUES  numbers of each splat: its color, its normal and the margin of the normal's sign
+// VALUES          numbers of each splat: its color, its normal and the margin of the normal's sign
+// STRICT_EPSILON  as in splat/fragment.h
 
 #include "arithmetic/reals.h"
 #include "arithmetic/lanes.h"
@@ -109,10 +110,11 @@ INLINE weight_range weights_between(const envelope_settings *f, reals r_low, rea
   const reals a = weight_of(r_low * r_low, f->falloff, f->table, f->table_size);
   const reals b = weight_of(r_high * r_high, f->falloff, f->table, f->table_size);
   weight_range w = {least_of(a, b), most_of(a, b)};
+  const reals first = table_place(r_low * r_low, f->table_size), end = table_place(r_high * r_high, f->table_size);
   const real rounding = KERNEL == TABLE_NEAREST ? R(0.5) : R(0.0);
   for (int lane = 0; lane < LANES; ++lane) {
-    const real low = LANE_OF(r_low, lane) * (real)(f->table_size - 1) - rounding;
-    const int last = (int)(LANE_OF(r_high, lane) * (real)(f->table_size - 1) + rounding);
+    const real low = LANE_OF(first, lane) - rounding;
+    const int last = (int)(LANE_OF(end, lane) + rounding);
     for (int k = low > R(0.0) ? (int)low + ((real)(int)low < low) : 0; k <= last; ++k) {
       real *least = (real *)&w.low + lane, *most = (real *)&w.high + lane;
       if (f->table[k] < *least) *least = f->table[k];
@@ -156,6 +158,12 @@ INLINE void keep_extremes(const envelope_settings *f, const scratch *t, int reco
   }
 }
 
+#if STRICT_EPSILON
+#define BEFORE(z, limit) MASK((z) < (limit))
+#else
+#define BEFORE(z, limit) MASK((z) <= (limit))
+#endif
+
 // Keep the possible fragments with the bounds of their weights, 0 at pixels without the fragment.
 INLINE weight_sums collect_fragments(const envelope_settings *f, const scratch *t, int n, const block *b,
                                      const depths *d)
@@ -163,6 +171,12 @@ INLINE weight_sums collect_fragments(const envelope_settings *f, const scratch *
   weight_sums c = {R(0.0), R(0.0), R(0.0), INFINITE, 0};
   const reals epsilon = epsilon_at(b, f->epsilon, f->along_ray), slack = R(2.0) * f->unit * epsilon;
   const reals sure_limit = d->least + epsilon - slack, possible_limit = d->greatest + epsilon + slack;
+  masks front_passes = (masks)-1, hits_pass = (masks)-1;
+#if STRICT_EPSILON  // the front splat passes unless epsilon vanishes in depth(p) + epsilon; epsilon 0 rejects all hits
+  const reals farthest = most_of(magnitude(d->least), magnitude(d->greatest)) + epsilon;
+  front_passes = MASK(epsilon - slack > f->unit * farthest);
+  hits_pass = MASK(epsilon > R(0.0));
+#endif
   for (int i = 0; i < n; ++i) {
     const int record = t->list[i];
     global const NearbySplat *s = t->records + record;
@@ -172,12 +186,12 @@ INLINE weight_sums collect_fragments(const envelope_settings *f, const scratch *
     const masks by_center = ~a.hit.sure & g.inside.possible;
     const reals z = (reals)s->center_z, z_error = (reals)(f->unit * magnitude_of(s->center_z));
     const reals hit_low = SELECT(INFINITE, a.low, a.hit.possible);
-    const reals low = least_of(hit_low, SELECT(INFINITE, z - z_error, by_center));
-    masks possible = (a.hit.possible | g.inside.possible) & MASK(low <= possible_limit);
+    const reals low = least_of(SELECT(INFINITE, hit_low, hits_pass), SELECT(INFINITE, z - z_error, by_center));
+    masks possible = (a.hit.possible | g.inside.possible) & BEFORE(low, possible_limit);
     if (!ANY(possible)) continue;
     const reals high = most_of(SELECT(-INFINITE, a.high, a.hit.possible), SELECT(-INFINITE, z + z_error, by_center));
-    const masks front = a.hit.sure & MASK(hit_low == d->least) & MASK(a.high < d->second);
-    const masks sure = ((a.hit.sure | g.inside.sure) & MASK(high <= sure_limit)) | front;
+    const masks front = a.hit.sure & MASK(hit_low == d->least) & MASK(a.high < d->second) & front_passes;
+    const masks sure = ((a.hit.sure | g.inside.sure) & BEFORE(high, sure_limit)) | front;
     const masks may_be_front = a.hit.possible & MASK(hit_low <= d->greatest);
     weight_range w = weights_of(f, &a, &g);
     c.front_weight = least_of(c.front_weight, SELECT(INFINITE, w.low, may_be_front));
@@ -192,6 +206,7 @@ INLINE weight_sums collect_fragments(const envelope_settings *f, const scratch *
     t->weights[2 * c.num + 1] = w.high;
     ++c.num;
   }
+  c.front_weight = SELECT((reals)R(0.0), c.front_weight, front_passes);
   return c;
 }
 

@@ -2,6 +2,8 @@
 //
 // A work-item takes one region of a tile and streams the tile's records twice: for the front-most splat, then for all
 // decisions. A comparison without division shows most decisions to be far from flipping.
+//
+// STRICT_EPSILON  as in splat/fragment.h
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -90,6 +92,11 @@ INLINE void decide(constant View *view, global const NearbySplat *s, int i, int 
     const masks filtered = (masks)(s->filter_margin >= R(0.0) ? -1 : 0);
     exists |= filtered & ~MASK(f.inside < R(0.0));
   }
+#if STRICT_EPSILON
+  // The front-most splat passes unless epsilon vanishes in depth(p) + epsilon. Epsilon 0 always rejects it.
+  const reals offset = epsilon_at(b, epsilon, along_ray);
+  consider(p, k, offset, magnitude(p->depth[k]) + offset, ~behind & MASK(offset > R(0.0)));
+#endif
   const masks tested = exists & behind & MASK(p->depth[k] < (real)INFINITY);
   if (!ANY(tested)) return;
   const reals z = SELECT((reals)s->center_z, m.z, hit), own_scale = SELECT((reals)magnitude_of(s->center_z), e.z, hit);

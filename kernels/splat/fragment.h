@@ -2,7 +2,8 @@
 //
 // The attribute pass shares this code with the probe and the accounting, so they see the same fragments.
 //
-// CHANNELS  1: six further channels of each splat are summed, 0: color and normal
+// CHANNELS        1: six further channels of each splat are summed, 0: color and normal
+// STRICT_EPSILON  1: z < depth(p) + epsilon accepts a fragment, 0: z <= depth(p) + epsilon
 
 #include "arithmetic/reals.h"
 #include "arithmetic/divide.h"
@@ -69,6 +70,16 @@ static inline reals farthest_accepted(constant View *view, reals x, reals y, rea
   if (ORTHOGRAPHIC || !along_ray) return depth + epsilon;
   const reals dx = ray_x(view, x), dy = ray_y(view, y);
   return depth + divide(epsilon, square_root((dx * dx + dy * dy) + R(1.0)));
+}
+
+// The epsilon test; `farthest` is depth(p) + epsilon.
+static inline masks is_accepted(reals z, reals farthest)
+{
+#if STRICT_EPSILON
+  return MASK(z < farthest);
+#else
+  return MASK(z <= farthest);
+#endif
 }
 
 // The sums of a pixel: weight times red, green, blue, normal_x, normal_y, normal_z, one and z.

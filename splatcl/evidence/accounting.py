@@ -158,6 +158,7 @@ def _check_splats(kept: Array, splats: Splats, camera: Camera, settings: RenderS
 
 def _is_drawn(splat: Splats, camera: Camera, settings: RenderSettings) -> bool:
     """Return True if the oracle draws a single splat at some pixel, with a margin above `CERTAIN`."""
+    settings = replace(settings, epsilon_test="inclusive")  # a strict epsilon of 0 would reject every disc
     projected = oracle.project.project(splat, camera, settings)
     depth = oracle.visibility.visibility(projected, camera, settings)
     gbuffer = oracle.attributes.attributes(projected, depth, splat, camera, settings, 0.0)

@@ -51,5 +51,5 @@ def _run_margin(context: PassContext, view: Any, band: NearbySplats, epsilon: fl
     context.run(
         "margin", (size,), view, band.records, band.tile_begin, band.first_tile, band.first_entry, context.tiles_x,
         OFFSET_ERROR, float(epsilon), context.settings.along == "ray", *outputs, group=group, REGION=region,
-        CENTER_LOW=0,
+        CENTER_LOW=0, STRICT_EPSILON=int(context.settings.epsilon_test == "strict"),
     )  # fmt: skip

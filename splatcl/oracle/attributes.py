@@ -23,6 +23,8 @@ def attributes(
 ) -> GBuffer:
     """Accumulate w, w color, w n, w z and w a over the fragments with r^2 <= 1 and z <= depth(p) + epsilon.
 
+    The second test is z < depth(p) + epsilon under epsilon_test="strict".
+
     r^2 = min(r3^2, r2^2) with the pre-filter "min" ([BHZK05] section 5). Under shading="fragment" ([BSK04]) and "splat"
     ([BK03]) the color is lit before it is blended.
 
@@ -54,7 +56,8 @@ def attributes(
         if settings.along == "ray":
             tolerance /= ray_length(camera, s)[:, None]
         limit = depth.depth.reshape(-1, 1)[pixels] + tolerance
-        accepted = exists & (f.z <= limit)
+        strict = settings.epsilon_test == "strict"
+        accepted = exists & (f.z < limit if strict else f.z <= limit)
         weight = np.where(accepted, footprints.weight(f), 0.0)
         z = np.where(accepted, f.z, 0.0)
         normal = np.broadcast_to(_fragment_normals(projected, f, settings), (len(s), num, 3))
@@ -68,7 +71,11 @@ def attributes(
 
         front = depth.particleid.reshape(-1, 1)[pixels]
         front_scale_z = np.take_along_axis(f.scale_z, np.where(front == NO_SPLAT, 0, front).astype(np.int64), axis=1)
-        depth_margin = _depth_margin(limit - f.z, f.scale_z, front_scale_z, front == np.arange(num), tolerance)
+        is_front = front == np.arange(num)
+        depth_margin = _depth_margin(limit - f.z, f.scale_z, front_scale_z, is_front, tolerance)
+        if strict:
+            own = _own_margin(depth.depth.reshape(-1, 1)[pixels], tolerance)
+            depth_margin = np.where(is_front, own, depth_margin)
         depth_margin = np.where(exists, depth_margin, np.inf)
         margin[pixels] = np.minimum(f.margin, depth_margin).min(axis=1)
     return GBuffer(
@@ -126,3 +133,12 @@ def _depth_margin(slack: Array, scale_z: Array, front_scale_z: Array, is_front: 
     with np.errstate(invalid="ignore", over="ignore"):
         margin = np.abs(slack) / (UNIT * (scale_z + front_scale_z + tolerance))
     return np.where(is_front | (slack == np.inf), np.inf, margin)
+
+
+def _own_margin(depth: Array, tolerance: Array) -> Array:
+    """Return the margin (P, 1) of depth(p) < depth(p) + epsilon; only the rounding of the sum can flip it.
+
+    It is +inf for an epsilon of 0, where the test fails however it is computed.
+    """
+    with np.errstate(invalid="ignore"):
+        return np.where(tolerance > 0, tolerance / (UNIT * (np.abs(depth) + tolerance)), np.inf)

@@ -14,10 +14,13 @@ Footprint = Literal["method", "raycast", "affine", "conic"]
 Normals = Literal["method", "constant", "field"]
 Shading = Literal["method", "deferred", "fragment", "splat"]
 Along = Literal["z", "ray"]
+EpsilonTest = Literal["inclusive", "strict"]
 Prefilter = Literal["method", "min", "none", "ewa"]
 PrefilterCenter = Literal["projected", "bounds"]
 Kernel = Literal["gaussian", "constant", "table"]
 KernelLookup = Literal["nearest", "linear"]
+TableAddressing = Literal["samples", "texture"]
+TableOver = Literal["r", "r2"]
 Facing = Literal["keep", "flip", "cull"]
 Shader = Literal["phong", "lightmap", "npr", "albedo", "normal", "depth", "user"]
 Precision = Literal["single", "double"]
@@ -65,6 +68,9 @@ class RenderSettings:
         Depth tolerance of the visibility test, scene units, >= 0; auto: the median of max(|t_u|, |t_v|).
     along : {"z", "ray"}
         z: measure epsilon along the eye's z axis; ray: along the viewing ray [ZRB04].
+    epsilon_test : {"inclusive", "strict"}
+        inclusive: a fragment counts if z <= depth(p) + epsilon; strict: if z < depth(p) + epsilon, as with OpenGL's
+        LESS and an offset, so epsilon 0 draws no disc.
     prefilter : {"min", "none", "ewa"}
         min: r^2 = min(r3^2, r2^2) with the distances r3 on the splat and r2 on the screen [BHZK05, section 5];
         none: r3^2 alone; ewa: the Gaussian, convolved with a low-pass Gaussian on the screen [ZPvBG01, ZRB04],
@@ -80,9 +86,14 @@ class RenderSettings:
     kernel : {"gaussian", "constant", "table"}
         Weight of a fragment as a function of r in [0, 1].
     kernel_table : tuple of float
-        2 to 4096 weights at equal steps of r from 0 to 1, for the kernel table.
+        2 to 4096 weights over r from 0 to 1, for the kernel table.
     kernel_lookup : {"nearest", "linear"}
         nearest: read the nearest entry of the table; linear: interpolate between two.
+    table_addressing : {"samples", "texture"}
+        samples: the first entry is at r = 0 and the last at r = 1; texture: the entries are texels, with centers half
+        a step inside, and the ends are clamped.
+    table_over : {"r", "r2"}
+        r: the entries have equal steps of r; r2: of r^2.
     facing : {"keep", "flip", "cull"}
         keep: use the normals as given; flip: turn them toward the eye; cull: drop back faces before the visibility
         pass. Estimated normals have no sign and always turn toward the eye.
@@ -142,6 +153,9 @@ class RenderSettings:
     user_shader: str = ""
     user_shader_name: str = "shader.cl"
     time: float = 0.0
+    table_addressing: TableAddressing = "samples"
+    table_over: TableOver = "r"
+    epsilon_test: EpsilonTest = "inclusive"
 
     def __post_init__(self) -> None:
         for name, default in (DEFAULTS | METHODS.get(self.method, {})).items():

@@ -18,7 +18,7 @@ from splatcl.evidence.host import margin as host_margin
 from splatcl.evidence.host import pairs
 from splatcl.opencl.device import program
 
-TABLES = ("nearest", "linear")
+TABLES = ("nearest", "linear", "texture", "linear texture")
 
 
 NONE = dict.fromkeys(BOUNDED, 0)
@@ -33,7 +33,7 @@ def test_the_margin_is_the_oracle_s(scene, camera, choices, monkeypatch):
     monkeypatch.setattr(pairs, "PAIRS_PER_BAND", 1 << 12)
     splats, view = SCENES[scene](1), CAMERAS[camera]
     expected = np.minimum(oracle.render(splats, view, CHOICES[choices])["margin"], pairs.MAX_MARGIN)
-    margin, raw = host_margin.margin(splats, view, CHOICES[choices], EPSILON if choices != "first" else 0.0)
+    margin, raw = host_margin.margin(splats, view, CHOICES[choices], CHOICES[choices].epsilon)
     np.testing.assert_allclose(margin, expected, rtol=1e-4, atol=1e-3)
     assert (np.isinf(raw) == (margin == pairs.MAX_MARGIN)).all()
 

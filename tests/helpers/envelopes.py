@@ -16,15 +16,29 @@ CHOICES = {
     "linear": RenderSettings(
         epsilon=EPSILON, kernel="table", kernel_table=(1.0, 0.2, 0.9), kernel_lookup="linear", facing="flip"
     ),
+    "strict": RenderSettings(epsilon=EPSILON, epsilon_test="strict", along="ray"),
+    "strict zero": RenderSettings(epsilon=0.0, epsilon_test="strict", facing="flip"),
+    "vanishing": RenderSettings(epsilon=1e-7, epsilon_test="strict", prefilter="none"),
+    "texture": RenderSettings(
+        epsilon=EPSILON, kernel="table", kernel_table=(1.0, 0.8, 0.9, 0.1), table_addressing="texture", table_over="r2"
+    ),
+    "linear texture": RenderSettings(
+        epsilon=EPSILON,
+        kernel="table",
+        kernel_table=(1.0, 0.2, 0.9),
+        kernel_lookup="linear",
+        table_addressing="texture",
+    ),
 }
 
 
+NEW = ("texture", "strict", "linear texture", "strict zero", "vanishing")
 EVERY = [
     (*view, choices)
     for i, view in enumerate(VIEWS)
-    for choices in ("default", ("culled", "first", "nearest", "linear")[i % 4])
+    for choices in ("default", ("culled", "first", "nearest", "linear")[i % 4], NEW[i % len(NEW)])
 ]
-"""Every scene under every camera: with the default settings, and with one of the others in turn."""
+"""Every scene under every camera with the default settings, and with two others each."""
 
 
 BOUNDED = ("Z", "weight", "albedo", "N")

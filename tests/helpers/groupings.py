@@ -9,6 +9,8 @@ SETTINGS = {
     "wide pre-filter about the bounds": {"prefilter_radius": 2.5, "prefilter_center": "bounds"},
     "along the ray, flipped": {"along": "ray", "facing": "flip", "epsilon": 0.25},
     "table": {"kernel": "table", "kernel_table": (1.0, 0.9, 0.4, 0.15, 0.1), "kernel_lookup": "linear"},
+    "texture": {"kernel": "table", "kernel_table": (1, 0.9, 0.4), "table_addressing": "texture", "table_over": "r2"},
+    "strict": {"epsilon_test": "strict", "along": "ray"},
     "auto": {"epsilon": "auto", "cutoff": 0.5},
 }
 

@@ -178,11 +178,55 @@ def test_weight_falls_from_one_to_the_rim(cutoff):
         # r = 0, 1/4, 1/2, 3/4, 1 is at 0, 1/2, 1, 3/2, 2 of the three samples
         ({"kernel": "table", "kernel_table": (8, 4, 1)}, [8, 4, 4, 1, 1, 0]),
         ({"kernel": "table", "kernel_table": (8, 4, 1), "kernel_lookup": "linear"}, [8, 6, 4, 2.5, 1, 0]),
+        # r^2 = 0, 1/16, 1/4, 9/16, 1: positions 0, 1/8, 1/2, 9/8, 2
+        ({"kernel": "table", "kernel_table": (8, 4, 1), "table_over": "r2"}, [8, 8, 4, 4, 1, 0]),
+        # three texels: positions 0, 1/4, 1, 7/4, 2, the first and the last clamped
+        (
+            {"kernel": "table", "kernel_table": (8, 4, 1), "kernel_lookup": "linear", "table_addressing": "texture"},
+            [8, 7, 4, 1.75, 1, 0],
+        ),
+        # four texels: floor(4 r), and 3 at the rim
+        ({"kernel": "table", "kernel_table": (8, 4, 2, 1), "table_addressing": "texture"}, [8, 4, 2, 1, 1, 0]),
+        # four texels over r^2: floor(0, 1/4, 1, 9/4, 4)
+        (
+            {
+                "kernel": "table",
+                "kernel_table": (8, 4, 2, 1),
+                "table_addressing": "texture",
+                "table_over": "r2",
+            },
+            [8, 8, 4, 2, 1, 0],
+        ),
     ],
 )
 def test_kernels(kernel, expected):
     image = render(discs(facing_disc(2.0, 0.25)), camera(), **kernel)
     assert_array_equal(image["weight"][16, 16:22], expected)
+
+
+@pytest.mark.parametrize(("gap", "epsilon", "inclusive", "strict"), [(0, 0, 2, 0), (0.5, 0.5, 2, 1), (0.5, 0.75, 2, 2)])
+def test_the_epsilon_test_at_its_limit(gap, epsilon, inclusive, strict):
+    """Two discs one `gap` behind the other: the limit itself is inside the inclusive test alone."""
+    splats = discs(facing_disc(2.0, 0.25), facing_disc(2.0 + gap, 0.5))
+    counts = [
+        render(splats, camera(), epsilon=epsilon, epsilon_test=test)["count"][16, 16]
+        for test in ("inclusive", "strict")
+    ]
+    assert counts == [inclusive, strict]
+
+
+def test_a_strict_epsilon_of_zero_draws_no_disc():
+    image = render(discs(facing_disc(2.0, 0.25)), camera(), epsilon=0.0, epsilon_test="strict")
+    assert image["Z"][16, 16] == 2.0 and image["particleid"][16, 16] == 0
+    assert not image["count"].any() and not image["color"].any()
+    assert image["margin"][16, 16] > 1e3  # rounding cannot draw it
+
+
+def test_the_margin_of_a_strict_epsilon_is_that_of_its_sum():
+    """z + epsilon exceeds z by four units of 2^-24 z."""
+    image = render(discs(facing_disc(2.0, 0.25)), camera(), epsilon=8 * UNIT, epsilon_test="strict")
+    assert image["count"][16, 16] == 1
+    assert image["margin"][16, 16] == pytest.approx(4, rel=1e-6)
 
 
 def test_zero_weight_is_counted_but_not_covered():

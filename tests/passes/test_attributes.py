@@ -24,6 +24,9 @@ KERNELS = {
     "constant": {"kernel": "constant"},
     "nearest": {**TABLE, "kernel_lookup": "nearest"},
     "linear": {**TABLE, "kernel_lookup": "linear"},
+    "linear over r2": {**TABLE, "kernel_lookup": "linear", "table_over": "r2"},
+    "linear texture": {**TABLE, "kernel_lookup": "linear", "table_addressing": "texture"},
+    "linear texture over r2": {**TABLE, "kernel_lookup": "linear", "table_addressing": "texture", "table_over": "r2"},
 }
 PREFILTERS = {
     "none": {"prefilter": "none"},
@@ -63,10 +66,18 @@ def test_the_prefilter_about_the_bounds(device, scene_name, precision):
         check(device, scene_name, camera_name, settings)
 
 
-@pytest.mark.parametrize("prefilter", PREFILTERS)
-def test_a_nearest_table(device, prefilter):
-    """A weight jumps where r crosses half a sample, and the oracle's margin ignores this jump."""
-    settings = RenderSettings(epsilon=EPSILON, **KERNELS["nearest"], **PREFILTERS[prefilter])
+@pytest.mark.parametrize(
+    ("prefilter", "table"),
+    [
+        *((prefilter, {}) for prefilter in PREFILTERS),
+        ("projected", {"table_addressing": "texture"}),
+        ("none", {"table_over": "r2"}),
+        ("projected", {"table_addressing": "texture", "table_over": "r2"}),
+    ],
+)
+def test_a_nearest_table(device, prefilter, table):
+    """A weight jumps where r crosses from one sample to the next, and the oracle's margin ignores this jump."""
+    settings = RenderSettings(epsilon=EPSILON, **KERNELS["nearest"], **PREFILTERS[prefilter], **table)
     for camera_name in ("off_center", "orthographic"):
         got = DevicePasses(device, scene("random_ellipses"), CAMERAS[camera_name], settings).raster()
         want = reference("random_ellipses", camera_name, settings).gbuffer
@@ -81,6 +92,26 @@ def test_every_facing_and_direction_of_epsilon(device, along, facing, precision)
     settings = RenderSettings(epsilon=0.25, along=along, facing=facing, precision=precision)
     for scene_name, camera_name in product(["sphere", "random_ellipses"], ["outside", "inside", "orthographic"]):
         check(device, scene_name, camera_name, settings)
+
+
+@pytest.mark.parametrize("precision", ["single", "double"])
+@pytest.mark.parametrize("epsilon", [0.0, 1e-3, EPSILON, 100.0])
+@pytest.mark.parametrize("prefilter", ["min", "none"])
+def test_a_strict_epsilon(device, epsilon, prefilter, precision):
+    """Mutation: `<=` in is_accepted."""
+    settings = RenderSettings(epsilon=epsilon, epsilon_test="strict", prefilter=prefilter, precision=precision)
+    for scene_name, camera_name in (("layers", "outside"), ("random_ellipses", "orthographic")):
+        got = check(device, scene_name, camera_name, settings)
+        if epsilon == 0 and prefilter == "none":
+            assert np.isfinite(got["depth"]).any() and not got["count"].any() and not got["weight_sum"].any()
+
+
+def test_a_strict_epsilon_that_vanishes_in_the_sum_draws_no_disc(device):
+    settings = RenderSettings(epsilon=1e-12, epsilon_test="strict", prefilter="none")
+    got = DevicePasses(device, scene("layers"), CAMERAS["outside"], settings).raster()
+    assert np.isfinite(got["depth"]).any() and not got["count"].any()
+    got = DevicePasses(device, scene("layers"), CAMERAS["outside"], replace(settings, precision="double")).raster()
+    np.testing.assert_array_equal(got["count"], np.isfinite(got["depth"]))
 
 
 @pytest.mark.parametrize("epsilon", [0.0, 1e-3, EPSILON, 4 * EPSILON, 100.0])

@@ -162,6 +162,23 @@ def test_weights_of_a_table(renderer):
     np.testing.assert_array_equal(linear[8, 8:14], [1, 0.75, 0.5, 0.375, 0.25, 0])
 
 
+@pytest.mark.parametrize(
+    ("lookup", "over", "expected"),
+    [
+        ("nearest", "r", [1, 0.5, 0.25, 0.125, 0.125, 0]),
+        ("nearest", "r2", [1, 1, 0.5, 0.25, 0.125, 0]),
+        ("linear", "r", [1, 0.75, 0.375, 0.1875, 0.125, 0]),
+        ("linear", "r2", [1, 1, 0.75, 0.3125, 0.125, 0]),
+    ],
+)
+def test_weights_of_a_texture(renderer, lookup, over, expected):
+    """Four texels at r = 0, 1/4 ... 1: n r = 0 to 4, n r^2 = 0, 1/4, 1, 9/4, 4. The rim reads the last texel."""
+    camera = Camera(np.eye(4), 1, 1, 8.5, 8.5, 17, 17, projection="orthographic")
+    table = {"kernel": "table", "kernel_table": (1.0, 0.5, 0.25, 0.125), "table_addressing": "texture"}
+    settings = RenderSettings(prefilter="none", kernel_lookup=lookup, table_over=over, **table)
+    np.testing.assert_array_equal(renderer.render(disc((0, 0, 4), 4.0), camera, settings)["weight"][8, 8:14], expected)
+
+
 def test_the_prefilter_of_a_point(renderer):
     """The pre-filter of a disc of 1/100 pixel at a pixel's center reaches the four neighbors with weight e^-2."""
     camera = Camera(np.eye(4), 8, 8, 8.5, 8.5, 17, 17)

@@ -8,10 +8,10 @@ from cyclopts import Group
 
 SUBJECTS = {
     "Method": ("method", "footprint", "circular", "normals", "shading"),
-    "Visibility": ("epsilon", "along", "facing"),
+    "Visibility": ("epsilon", "along", "epsilon-test", "facing"),
     "Weights": (
         *("prefilter", "prefilter-radius", "prefilter-center"),
-        *("cutoff", "kernel", "kernel-table", "kernel-lookup"),
+        *("cutoff", "kernel", "kernel-table", "kernel-lookup", "table-addressing", "table-over"),
     ),
     "Color and lights": ("shader", "user-shader", "light", "material", "npr", "time"),
     "Sampling and precision": ("supersampling", "precision", "target", "half-inputs"),

@@ -72,6 +72,7 @@ def scenes() -> tuple[GoldenScene, ...]:
     bounds = RenderSettings(0.25, prefilter_center="bounds", prefilter_radius=2.0, facing="flip")
     ray = RenderSettings(0.125, along="ray")
     table = RenderSettings(0.125, kernel="table", kernel_table=TABLE, kernel_lookup="linear")
+    texture = replace(table, table_addressing="texture")
     lights = RenderSettings(0.125, lights=LIGHTS, material=Material(0.125, 0.5, 0.5, 7.5))
     found = [
         GoldenScene("ordinary", discs, far, RenderSettings(0.125)),
@@ -82,12 +83,16 @@ def scenes() -> tuple[GoldenScene, ...]:
         GoldenScene("sub_pixel_bounds", small, far, bounds),
         GoldenScene("layers", layered, before, RenderSettings(0.125, shader="albedo")),
         GoldenScene("layers_front", layered, before, RenderSettings(0.0, shader="albedo")),
+        GoldenScene("layers_strict", layered, before, RenderSettings(0.125, shader="albedo", epsilon_test="strict")),
+        GoldenScene("strict_zero", discs, far, RenderSettings(0.0, shader="albedo", epsilon_test="strict")),
         GoldenScene("along_ray", layered, before, ray),
         GoldenScene("along_ray_orthographic", discs, flat, ray),
         GoldenScene("culled", discs, far, RenderSettings(0.125, prefilter="none", facing="cull", shader="albedo")),
         GoldenScene("constant", discs, far, RenderSettings(0.125, kernel="constant", facing="flip")),
         GoldenScene("table_nearest", discs, far, replace(table, kernel_lookup="nearest", prefilter="none")),
         GoldenScene("table_linear", discs, far, table),
+        GoldenScene("table_texture", discs, far, texture),
+        GoldenScene("table_texture_r2", discs, far, replace(texture, kernel_lookup="nearest", table_over="r2")),
         GoldenScene("lights", discs, far, lights),
         GoldenScene("far_from_origin", *moved(discs, far, (2.0**19, -(2.0**22), 96.0)), RenderSettings(0.125)),
         GoldenScene("tiny", tiny, tiny_camera, lights),

@@ -17,7 +17,7 @@ from splatcl.errors import SettingsError
 from splatcl.evidence.host.means import Choices, greatest_mean, normalized, weight_bounds
 from splatcl.evidence.host.pairs import MAX_MARGIN, Fragments, Pairs, bands, fragments
 from splatcl.oracle.buffers import Array, ProjectedSplats
-from splatcl.oracle.geometry.fragments import kernel_weight
+from splatcl.oracle.geometry.fragments import kernel_weight, table_position
 from splatcl.oracle.geometry.rays import UNIT
 from splatcl.oracle.project import project
 from splatcl.scene.camera import Camera
@@ -121,16 +121,22 @@ class _States:
 def _depths(f: Fragments, may: _States, tolerance: float) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Return the (K,) least and greatest depth of each hit, and of each fragment, if it exists.
 
-    They include the disc's depth where the ray may hit it. They include the center's depth where the ray may miss the
+    They include the disc's depth where the ray may hit it, except for fragments of discs under a strict epsilon of 0,
+    which rejects them. They include the center's depth where the ray may miss the
     disc but hit the elliptical footprint, or for fragments also the pre-filter.
     """
     error, center_error = tolerance * UNIT * f.disc.scale_z, tolerance * UNIT * np.abs(f.center_z)
     disc_low = np.where(may.disc_possible, f.disc.z - error, np.inf)
     disc_high = np.where(may.disc_possible, f.disc.z + error, -np.inf)
     ends = []
-    for beside in (np.full(len(error), f.of_ellipses), may.filter_possible | f.of_ellipses):
+    rejected = f.strict & (f.tolerance == 0) & (not f.of_ellipses)
+    tested_low = np.where(rejected, np.inf, disc_low)
+    for beside, own_low in (
+        (np.full(len(error), f.of_ellipses), disc_low),
+        (may.filter_possible | f.of_ellipses, tested_low),
+    ):
         by_center = beside & ~may.disc_sure
-        low = np.minimum(disc_low, np.where(by_center, f.center_z - center_error, np.inf))
+        low = np.minimum(own_low, np.where(by_center, f.center_z - center_error, np.inf))
         high = np.maximum(disc_high, np.where(by_center, f.center_z + center_error, -np.inf))
         ends.append((low, high))
     return ends[0], ends[1]
@@ -148,16 +154,21 @@ def _choices(
     is_first = hit_low == z_low
     second = pairs.least(np.where(is_first, np.inf, hit_low))[pairs.run]
     alone = pairs.total(is_first.astype(np.int64))[pairs.run] == 1
-    front = may.hit_sure & may.drawn_sure & is_first & alone & (hit_high < second)
     slack = 2 * tolerance * UNIT * f.tolerance
-    sure = (may.drawn_sure | may.filter_sure) & (high <= z_low + f.tolerance - slack) | front
-    possible = (may.drawn_possible | may.filter_possible) & (low <= z_high + f.tolerance + slack)
+    before: Any = np.less if f.strict else np.less_equal
+    passes = np.ones(len(z_low), bool)
+    if f.strict:  # it passes unless epsilon vanishes in depth(p) + epsilon
+        farthest = np.maximum(np.abs(z_low), np.abs(z_high)) + f.tolerance
+        passes = f.tolerance - slack > tolerance * UNIT * farthest
+    front = may.hit_sure & may.drawn_sure & is_first & alone & (hit_high < second) & passes
+    sure = (may.drawn_sure | may.filter_sure) & before(high, z_low + f.tolerance - slack) | front
+    possible = (may.drawn_possible | may.filter_possible) & before(low, z_high + f.tolerance + slack)
     weight_low, weight_high = _pair_weights(f, may, settings, tolerance)
     may_be_front = may.hit_possible & (hit_low <= z_high)
     choices = Choices(sure, possible & (weight_high > 0), weight_low, weight_high)
     drawn_if_hit = may.drawn_sure | (f.drawn is f.hit)
     certain = pairs.least(np.where(may_be_front, np.where(drawn_if_hit, weight_low, 0.0), np.inf)) > 0
-    covered = np.isfinite(depth[1]) & certain | (pairs.total(np.where(sure, weight_low, 0.0)) > 0)
+    covered = np.isfinite(depth[1]) & certain & passes[pairs.first] | (pairs.total(np.where(sure, weight_low, 0.0)) > 0)
     return choices, covered, depth
 
 
@@ -219,8 +230,8 @@ def _table_range(settings: RenderSettings, r_low: Array, r_high: Array) -> tuple
     ends = kernel_weight(r_low**2, settings), kernel_weight(r_high**2, settings)
     low, high = np.minimum(*ends), np.maximum(*ends)
     rounding = 0.5 if settings.kernel_lookup == "nearest" else 0.0
-    first = np.ceil(r_low * (len(table) - 1) - rounding).astype(np.int64)
-    last = np.floor(r_high * (len(table) - 1) + rounding).astype(np.int64)
+    first = np.ceil(table_position(r_low**2, settings) - rounding).astype(np.int64)
+    last = np.floor(table_position(r_high**2, settings) + rounding).astype(np.int64)
     length = last - first + 1
     least, most, span = table, table, 1
     while span <= len(table):

@@ -61,6 +61,7 @@ class Fragments:
     filter: Coverage  # (K,) of the pre-filter "min"; margin -inf without one
     center_z: Array  # (K,) eye z of the splat's center, scene units
     tolerance: Array  # (K,) epsilon along z, scene units
+    strict: bool  # True: the epsilon test is z < depth(p) + epsilon
     of_ellipses: bool  # True: a ray may hit the footprint but miss the disc, and then takes the center's depth
     factor: Array  # (K,) of the weight: EWA's sqrt(|V| / |V + H|), else 1
     scale_factor: Array  # (K,) error scale of `factor`, relative
@@ -91,9 +92,12 @@ def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
         distances.append(gap)
         margins.append(np.where(drawn, np.inf, np.abs(f.filter.margin)))
         distances.append(np.abs(1 - f.filter.r))
-        slack = np.abs(depth + f.tolerance - fragment_z)
-        tested = (drawn | filtered) & ~is_front & np.isfinite(depth)
-        margins.append(np.where(tested, slack / (UNIT * (fragment_scale + front_scale + f.tolerance)), np.inf))
+        # The front-most splat passes unless epsilon vanishes in depth(p) + epsilon; a strict epsilon of 0 rejects it.
+        slack = np.where(is_front, f.tolerance, np.abs(depth + f.tolerance - fragment_z))
+        scale = np.where(is_front, np.abs(depth), fragment_scale + front_scale) + f.tolerance
+        decided = ~is_front | (f.strict & (f.tolerance > 0))
+        tested = (drawn | filtered) & decided & np.isfinite(depth)
+        margins.append(np.where(tested, slack / (UNIT * scale), np.inf))
         distances.append(slack)
     stacked = np.stack(margins)
     least = stacked.argmin(axis=0)
@@ -133,6 +137,7 @@ def fragments(
         filter=_known(footprints.prefilter(disc, pairs.s)) if settings.prefilter == "min" else absent,
         center_z=own.center_eye[:, 2],
         tolerance=tolerance,
+        strict=settings.epsilon_test == "strict",
         of_ellipses=footprints.ellipses is not None,
         factor=factor,
         scale_factor=scale_factor,

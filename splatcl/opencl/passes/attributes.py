@@ -81,4 +81,11 @@ def fragment_arguments(context: PassContext, epsilon: float) -> tuple[tuple[Any,
         float(epsilon), settings.along == "ray", -(settings.cutoff**2) / 2, settings.prefilter_radius**-2,
         context.constant(table), len(table),
     )  # fmt: skip
-    return arguments, {"KERNEL": int(kernel), "TARGET": context.target}
+    options = {
+        "KERNEL": int(kernel),
+        "TABLE_TEXTURE": int(settings.table_addressing == "texture"),
+        "TABLE_OVER_R2": int(settings.table_over == "r2"),
+        "TARGET": context.target,
+        "STRICT_EPSILON": int(settings.epsilon_test == "strict"),
+    }
+    return arguments, options

@@ -117,8 +117,17 @@ def kernel_weight(r_squared: Array, settings: RenderSettings) -> Array:
         return np.ones(r_squared.shape)
     if settings.kernel == "gaussian":
         return np.exp(-(settings.cutoff**2) * r_squared / 2)
-    table = np.asarray(settings.kernel_table)
-    position = np.sqrt(r_squared) * (len(table) - 1)
+    table, position = np.asarray(settings.kernel_table), table_position(r_squared, settings)
     if settings.kernel_lookup == "nearest":
         return table[np.floor(position + 0.5).astype(np.int64)]
     return np.interp(position, np.arange(len(table)), table)
+
+
+def table_position(r_squared: Array, settings: RenderSettings) -> Array:
+    """Return the positions (...) in the kernel table at r^2 (...) <= 1, in samples from the first, 0 to n - 1.
+
+    Texel k of a texture of n texels has its center at (k + 1/2) / n, and the ends are clamped.
+    """
+    n = len(settings.kernel_table)
+    t = r_squared if settings.table_over == "r2" else np.sqrt(r_squared)
+    return np.clip(n * t - 0.5, 0, n - 1) if settings.table_addressing == "texture" else t * (n - 1)
