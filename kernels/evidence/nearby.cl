@@ -116,12 +116,39 @@ typedef struct {
 static inline reals center_x(const splats *s) { return ORTHOGRAPHIC ? s->center.x : divide(s->center.x, s->center.z); }
 static inline reals center_y(const splats *s) { return ORTHOGRAPHIC ? s->center.y : divide(s->center.y, s->center.z); }
 
+// The middle of the bounds of the corners c +- t_u +- t_v along one axis, from the center of pixel 0, and the error of
+// each corner: its terms divided by its z.
+static inline reals parallelogram_middle(const splats *s, reals c, reals u, reals v, real focal, real principal,
+                                         reals *error)
+{
+  const reals z = s->center.z, uz = s->tu.z, vz = s->tv.z, deep = magnitude(uz) + magnitude(vz);
+  const reals terms = (magnitude(u) + magnitude(v)) * focal;
+#if ORTHOGRAPHIC
+  *error = terms;
+  return c * focal + principal;
+#else
+  const reals a = divide(c + u + v, z + uz + vz), b = divide(c - u - v, z - uz - vz);
+  const reals d = divide(c + u - v, z + uz - vz), e = divide(c - u + v, z - uz + vz);
+  const reals low = least_of(least_of(a, b), least_of(d, e)), high = most_of(most_of(a, b), most_of(d, e));
+  const reals lean = magnitude(divide(c, z)) * deep * focal;
+  *error = divide(divide((terms + lean) * (z + deep), z - deep), z - deep);
+  return (low + high) * (R(0.5) * focal) + principal;
+#endif
+}
+
 static inline filter_centers filter_center_of(constant View *view, const splats *s, raster_bounds ex, raster_bounds ey)
 {
   const reals z = s->center.z, depth_error = UNIT * (magnitude(z) + TINY);
   filter_centers p = {center_x(s) * view->fx_hi + view->cx_hi, center_y(s) * view->fy_hi + view->cy_hi, CENTER_ERROR,
                   divide(least_of(z - view->near, view->far - z), depth_error)};
-  if (view->prefilter_at_bounds) {
+  if (view->prefilter_center == AT_PARALLELOGRAM) {
+    reals error_x, error_y;
+    const masks clear = ALL(ORTHOGRAPHIC) | MASK(z - (magnitude(s->tu.z) + magnitude(s->tv.z)) > CLEAR_SHARE * z);
+    p.x = parallelogram_middle(s, s->center.x, s->tu.x, s->tv.x, view->fx_hi, view->cx_hi, &error_x);
+    p.y = parallelogram_middle(s, s->center.y, s->tu.y, s->tv.y, view->fy_hi, view->cy_hi, &error_y);
+    p.x = SELECT((reals)(real)NAN, p.x, clear);
+    p.error = SELECT(INFINITE, p.error + (error_x + error_y), clear);
+  } else if (view->prefilter_center == AT_BOUNDS) {
     const reals x = (ex.low + ex.high) * R(0.5), y = (ey.low + ey.high) * R(0.5);
     const reals z2 = square(z), reach2 = square(s->reach);
     const reals moved = magnitude(x - p.x) + magnitude(y - p.y);
@@ -262,7 +289,7 @@ kernel void nearby_records(constant View *view, global const real *world, global
     for (int lane = 0; lane < LANES; ++lane) place[lane] = first + least(i + lane, end - 1);
     const splats s = splats_at(view, world, place);
     raster_bounds x = {(reals)R(0.0), (reals)R(0.0)}, y = x;
-    if (view->prefilter_at_bounds) {
+    if (view->prefilter_center == AT_BOUNDS) {
       x = disc_x(view, &s);
       y = disc_y(view, &s);
     }

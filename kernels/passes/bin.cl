@@ -133,7 +133,10 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   const reals error = (length1(world) + view->reach) * CENTER_SLACK;
   touched t = {{R(1.0), R(0.0)}, {R(1.0), R(0.0)}, R(0.0)};
   if (view->facing == CULL) *alive &= ~surely_away(tu, tv, c, error);
-  const reals deep = square_root(tu.z * tu.z + tv.z * tv.z) * R(1.00001) + error;
+  // The bounds of the disc, or of the parallelogram about it, in which the pre-filter's center may be.
+  const int corners = view->prefilter_center == AT_PARALLELOGRAM;
+  const reals reach = corners ? magnitude(tu.z) + magnitude(tv.z) : square_root(tu.z * tu.z + tv.z * tv.z);
+  const reals deep = reach * R(1.00001) + error;
   const reals near = view->near - magnitude_of(view->near) * R(1e-4);
   *alive &= MASK(c.z + deep >= near) & MASK(c.z - deep <= view->far + magnitude_of(view->far) * R(1e-4));
   if (!ANY(*alive)) return t;
@@ -141,6 +144,10 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
   centers s = {c, error, c.z - deep, c.z + deep, in_front, view->prefilter_radius};
   if (!(view->prefilter | ELLIPSE)) s.filtered = 0;
   reals wide = square_root(tu.x * tu.x + tv.x * tv.x), high = square_root(tu.y * tu.y + tv.y * tv.y);
+  if (corners) {
+    wide = magnitude(tu.x) + magnitude(tv.x);
+    high = magnitude(tu.y) + magnitude(tv.y);
+  }
 #if !ORTHOGRAPHIC
   // Only a disc that comes nearer to the eye plane than this is cut at near (bounds.h, CLEAR).
   const reals shallowest = SELECT(near, at_most(c.z * R(5e-5), near), in_front);
@@ -159,7 +166,7 @@ static inline touched touched_by(constant View *view, reals3 world, reals3 tu_wo
 #endif
   x = touched_pixels(&s, x, slack, c.x, spread_x, view->fx_hi, view->cx_hi - (real)view->first_column);
   y = touched_pixels(&s, y, slack, c.y, spread_y, view->fy_hi, view->cy_hi - (real)view->first_row);
-  const int around_bounds = view->prefilter_at_bounds | (view->low_pass_reach > R(0.0));
+  const int around_bounds = (view->prefilter_center != AT_CENTER) | (view->low_pass_reach > R(0.0));
   if (around_bounds) {  // the pre-filter's center may be anywhere in the bounds
     const reals around = (reals)(at_least_of(view->prefilter_radius, view->low_pass_reach) + PIXEL_SLACK);
     x = (pixel_range){x.first - around, x.last + around};

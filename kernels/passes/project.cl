@@ -200,8 +200,19 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
 #endif
   s.disc = pixels_of(view, &s, &disc);
 
-  // The bounds of the pre-filter, about the projected center or about the center of the disc's bounds.
-  masks at_bounds = (masks)(view->prefilter_at_bounds ? -1 : 0);
+  // The bounds of the pre-filter, about the projected center or about the center of the disc's bounds, or of the
+  // parallelogram's.
+  masks at_bounds = (masks)(view->prefilter_center ? -1 : 0);
+  if (view->prefilter_center == AT_PARALLELOGRAM) {
+#if ORTHOGRAPHIC
+    ex.middle = center_x;
+    ey.middle = center_y;
+#else
+    ex.middle = center_x + corners_middle(divide(c.x, c.z), tu.x, tv.x, tu.z, tv.z, c.z, view->fx_hi);
+    ey.middle = center_y + corners_middle(divide(c.y, c.z), tu.y, tv.y, tu.z, tv.z, c.z, view->fy_hi);
+    exact = MASK(c.z - (magnitude(tu.z) + magnitude(tv.z)) > c.z * CLEAR);
+#endif
+  }
   masks filtered = MASK(c.z >= view->near) & MASK(c.z <= view->far) & (exact | ~at_bounds);
   filtered = filtered & (masks)(view->prefilter ? -1 : 0);
   s.prefilter_x = SELECT(center_x, ex.middle, at_bounds);

@@ -36,6 +36,17 @@ static inline extent near_extent(reals center, reals reach, reals z_low, reals z
   return e;
 }
 
+// The middle of the bounds of the projected corners c +- t_u +- t_v along one image axis, from the projected center.
+static inline reals corners_middle(reals slope, reals u, reals v, reals uz, reals vz, reals z, real focal)
+{
+  const reals pu = u - slope * uz, pv = v - slope * vz;
+  const reals sum = pu + pv, difference = pu - pv, sum_z = uz + vz, difference_z = uz - vz;
+  const reals a = divide(sum, z + sum_z), b = divide(-sum, z - sum_z);
+  const reals c = divide(difference, z + difference_z), d = divide(-difference, z - difference_z);
+  const reals low = at_most(at_most(a, b), at_most(c, d)), high = at_least(at_least(a, b), at_least(c, d));
+  return (low + high) * (R(0.5) * focal);
+}
+
 // Bounds relative to the reference point, pixels; low > high: empty.
 typedef struct {
   reals x_low, x_high, y_low, y_high;

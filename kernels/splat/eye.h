@@ -12,6 +12,11 @@
 #define FLIP 1
 #define CULL 2
 
+// Values of View.prefilter_center.
+#define AT_CENTER 0
+#define AT_BOUNDS 1
+#define AT_PARALLELOGRAM 2
+
 typedef struct {
   twofloat x, y, z;
 } eye_point;

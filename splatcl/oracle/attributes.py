@@ -105,7 +105,7 @@ def _accumulate(weight: Array, values: Array, settings: RenderSettings) -> Array
 
     The last value is z, whose sum is never rounded. The format "unorm8" stores a normal n as (1 + n) / 2.
     """
-    if settings.target not in ("float16", "unorm8"):
+    if settings.target not in ("float16", "float16_clamped", "unorm8"):
         return np.einsum("pn,pnk->pk", weight, values)
     sums = np.zeros((len(weight), values.shape[2]))
     if settings.target == "unorm8":
@@ -114,7 +114,8 @@ def _accumulate(weight: Array, values: Array, settings: RenderSettings) -> Array
     for w, value in zip(weight.T, values.swapaxes(0, 1), strict=True):
         product = w[:, None] * value
         exact = sums[:, -1] + product[:, -1]
-        sums = _rounded(sums + _rounded(product, settings), settings)
+        with np.errstate(invalid="ignore"):  # infinities of both signs sum to NaN
+            sums = _rounded(sums + _rounded(product, settings), settings)
         sums[:, -1] = exact
     if settings.target == "unorm8":
         sums[:, 4:7] = 2 * sums[:, 4:7] - sums[:, :1]
@@ -122,9 +123,11 @@ def _accumulate(weight: Array, values: Array, settings: RenderSettings) -> Array
 
 
 def _rounded(values: Array, settings: RenderSettings) -> Array:
-    """Round to IEEE halves ("float16") or to 0, 1/255 ... 1 ("unorm8"), clamped to the format's range."""
-    if settings.target == "float16":
-        return np.clip(values, -65504, 65504).astype(np.float16).astype(np.float64)
+    """Round to IEEE halves, which overflow to infinity ("float16") or are clamped, or to 0, 1/255 ... 1 ("unorm8")."""
+    if settings.target != "unorm8":
+        most = np.inf if settings.target == "float16" else 65504
+        with np.errstate(over="ignore"):
+            return np.clip(values, -most, most).astype(np.float16).astype(np.float64)
     return np.floor(np.clip(values, 0, 1) * 255 + 0.5) / 255
 
 

@@ -8,6 +8,7 @@ from splatcl.oracle.buffers import NOTHING, Array, ProjectedSplats
 from splatcl.oracle.geometry.discs import disc_bounds
 from splatcl.oracle.geometry.ellipse_maps import EllipseMaps
 from splatcl.oracle.geometry.rays import (
+    CLEAR,
     EDGE_ON,
     OFFSET_ERROR,
     TINY,
@@ -97,13 +98,38 @@ def _prefilter_point(
 ) -> tuple[Array, Array]:
     """Return the pre-filter's center (N, 2), pixels, and its error (N,), 2^-24 pixels.
 
-    It is the projected center, or that of the disc's bounds; NaN for infinite bounds.
+    It is the projected center, or that of the bounds of the disc or of the parallelogram c +- t_u +- t_v; NaN for
+    infinite bounds.
     """
     raster = to_raster(to_image_plane(center, camera), camera)
     error = np.full(len(center), OFFSET_ERROR)
     if settings.prefilter_center == "projected":
         return raster, error
+    if settings.prefilter_center == "parallelogram":
+        middle, moved = _parallelogram_middle(center, t_u, t_v, camera)
+        return middle, error + moved
     z, reach = center[:, 2] ** 2, t_u[:, 2] ** 2 + t_v[:, 2] ** 2
     with np.errstate(invalid="ignore", divide="ignore"):
         middle = (disc[:, :2] + disc[:, 2:]) / 2
         return middle, error + np.abs(middle - raster).sum(axis=1) * (z + reach) / np.abs(z - reach)
+
+
+def _parallelogram_middle(center: Array, t_u: Array, t_v: Array, camera: Camera) -> tuple[Array, Array]:
+    """Return the center (N, 2) of the bounds of the projected corners c +- t_u +- t_v, and its error (N,).
+
+    The error is in 2^-24 pixels. The center is NaN where a corner is not `CLEAR` of the eye plane. A corner errs by
+    its terms, divided by its z.
+    """
+    corners = [center + i * t_u + j * t_v for i in (-1, 1) for j in (-1, 1)]
+    raster = np.stack([to_raster(to_image_plane(corner, camera), camera) for corner in corners])
+    middle = (raster.min(axis=0) + raster.max(axis=0)) / 2
+    focal = np.array([camera.fx, camera.fy])
+    terms = np.abs(t_u[:, :2]) + np.abs(t_v[:, :2])
+    if camera.projection == "orthographic":
+        return middle, (terms * focal).sum(axis=1)
+    z, reach = center[:, 2], np.abs(t_u[:, 2]) + np.abs(t_v[:, 2])
+    clear = z - reach > CLEAR * z
+    with np.errstate(invalid="ignore", divide="ignore"):
+        terms = (terms + np.abs(center[:, :2] / z[:, None]) * reach[:, None]) * focal
+        error = terms.sum(axis=1) / (z - reach) * (z + reach) / (z - reach)
+    return np.where(clear[:, None], middle, np.nan), np.where(clear, error, np.inf)

@@ -13,10 +13,10 @@ Method = Literal["botsch05", "zwicker04", "zwicker01", "botsch04", "botsch03"]
 Footprint = Literal["method", "raycast", "affine", "conic"]
 Normals = Literal["method", "constant", "field"]
 Shading = Literal["method", "deferred", "fragment", "splat"]
-Along = Literal["z", "ray"]
+Along = Literal["method", "z", "ray"]
 EpsilonTest = Literal["inclusive", "strict"]
 Prefilter = Literal["method", "min", "none", "ewa"]
-PrefilterCenter = Literal["projected", "bounds"]
+PrefilterCenter = Literal["projected", "bounds", "parallelogram"]
 Kernel = Literal["gaussian", "constant", "table"]
 KernelLookup = Literal["nearest", "linear"]
 TableAddressing = Literal["samples", "texture"]
@@ -24,17 +24,24 @@ TableOver = Literal["r", "r2"]
 Facing = Literal["keep", "flip", "cull"]
 Shader = Literal["phong", "lightmap", "npr", "albedo", "normal", "depth", "user"]
 Precision = Literal["single", "double"]
-Target = Literal["auto", "float32", "float64", "float16", "unorm8"]
+Target = Literal["auto", "float32", "float64", "float16", "float16_clamped", "unorm8"]
 
 METHODS: dict[Method, dict[str, Any]] = {
     "botsch05": {},
-    "zwicker04": {"footprint": "conic", "prefilter": "ewa"},
+    "zwicker04": {"footprint": "conic", "prefilter": "ewa", "shading": "splat", "along": "ray"},
     "zwicker01": {"footprint": "affine", "prefilter": "ewa"},
     "botsch04": {"prefilter": "none", "normals": "field", "shading": "fragment"},
     "botsch03": {"footprint": "affine", "circular": True, "prefilter": "none", "shading": "splat"},
 }
 """Settings of each paper's system that differ from the default, [BHZK05]."""
-DEFAULTS = {"footprint": "raycast", "circular": False, "prefilter": "min", "normals": "constant", "shading": "deferred"}
+DEFAULTS = {
+    "footprint": "raycast",
+    "circular": False,
+    "prefilter": "min",
+    "normals": "constant",
+    "shading": "deferred",
+    "along": "z",
+}
 POINTWISE = ("phong", "albedo", "normal")
 """Shaders that need one surface point alone, so that they can shade each fragment or splat."""
 
@@ -52,8 +59,8 @@ class RenderSettings:
     Parameters
     ----------
     method : {"botsch05", "zwicker04", "zwicker01", "botsch04", "botsch03"}
-        System of a paper (docs/guide/methods.md). It sets footprint, circular, prefilter, normals and shading
-        where these are not given.
+        System of a paper (docs/guide/methods.md). It sets footprint, circular, prefilter, normals, shading
+        and along where these are not given.
     footprint : {"raycast", "affine", "conic"}
         raycast: a splat covers the pixels whose rays hit its disc [BHZK05]; affine: the ellipse of the projection's
         affine approximation at the center [ZPvBG01]; conic: the ellipse of the projected contour [ZRB04].
@@ -63,7 +70,7 @@ class RenderSettings:
         constant: one normal for each splat; field: a normal that varies linearly over the splat [BSK04].
     shading : {"deferred", "fragment", "splat"}
         deferred: light each pixel once; fragment: light each fragment before blending [BSK04]; splat: light each
-        splat at its center [BK03].
+        splat at its center [BK03, ZRB04].
     epsilon : float or "auto"
         Depth tolerance of the visibility test, scene units, >= 0; auto: the median of max(|t_u|, |t_v|).
     along : {"z", "ray"}
@@ -78,11 +85,13 @@ class RenderSettings:
     prefilter_radius : float
         Radius of the screen filter, pixels; 1 makes every splat at least 2x2 pixels. For ewa: the standard
         deviation of the low-pass Gaussian.
-    prefilter_center : {"projected", "bounds"}
-        projected: measure r2 from the projected center of the splat [BHZK05]; bounds: from the center of its
-        projected bounds.
+    prefilter_center : {"projected", "bounds", "parallelogram"}
+        projected: measure r2 from the projected center of the splat [BHZK05]; bounds: from the center of the
+        projected disc's bounds; parallelogram: from the center of the bounds of the projected corners c +- t_u +- t_v.
     cutoff : float
-        F_g in the Gaussian weight w = exp(-cutoff^2 r^2 / 2), 0 to 8.
+        Radius of the disc in standard deviations of its Gaussian, 0 to 8: the weight is w = exp(-cutoff^2 r^2 / 2).
+        The disc keeps its size. [ZRB04]'s F_g keeps the Gaussian and sizes the disc: scale the splats by
+        F_g (`Splats.scaled`) and give cutoff = F_g.
     kernel : {"gaussian", "constant", "table"}
         Weight of a fragment as a function of r in [0, 1].
     kernel_table : tuple of float
@@ -113,9 +122,10 @@ class RenderSettings:
         Time for a user's shader, seconds.
     precision : {"single", "double"}
         single: compute in float32; double: compute in float64.
-    target : {"auto", "float32", "float64", "float16", "unorm8"}
+    target : {"auto", "float32", "float64", "float16", "float16_clamped", "unorm8"}
         Format to which weights, colors, normals and attributes are rounded after every product and sum
-        [BHZK05, figure 2]; auto: the format of the precision.
+        [BHZK05, figure 2]; auto: the format of the precision; float16: sums above 65504 become infinite, as on GPUs;
+        float16_clamped: they stop at 65504.
     half_inputs : bool
         Round centers and normals to 16-bit floats first [BHZK05, section 6].
     supersampling : int
@@ -128,7 +138,7 @@ class RenderSettings:
     """
 
     epsilon: float | Literal["auto"] = "auto"
-    along: Along = "z"
+    along: Along = "method"
     prefilter: Prefilter = "method"
     prefilter_radius: float = 1.0
     prefilter_center: PrefilterCenter = "projected"

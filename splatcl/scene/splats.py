@@ -178,6 +178,19 @@ class Splats:
         grow = self.radius[:, None] / length
         return replace(self, tangent_u=u * grow, tangent_v=turned * grow)
 
+    def scaled(self, factor: float) -> Splats:
+        """Return discs of `factor` times the radii about the same centers; clip lines and normal fields stay in place.
+
+        It turns the standard deviations of [ZRB04]'s Gaussians into discs that end at the cutoff F_g = `factor`.
+        """
+        given: dict[str, Any] = {"tangent_u": self.tangent_u * factor, "tangent_v": self.tangent_v * factor}
+        for name in ("normal_du", "normal_dv"):
+            if getattr(self, name) is not None:
+                given[name] = getattr(self, name) * factor
+        if self.clip is not None:
+            given["clip"] = self.clip * np.array([factor, factor, 1.0])
+        return replace(self, **given, on_invalid="error")
+
     def half_precision(self) -> Splats:
         """Round centers and normals to 16-bit floats ([BHZK05] section 6).
 

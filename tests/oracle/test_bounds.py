@@ -90,6 +90,7 @@ def test_bounds_include_the_prefilter_and_exclude_invisible_splats():
     [
         {},
         {"prefilter_center": "bounds"},
+        {"prefilter_center": "parallelogram", "prefilter_radius": 2.0},
         {"facing": "cull"},
         {"prefilter": "none"},
         {"footprint": "affine"},

@@ -174,6 +174,7 @@ def test_margin_of_facing_only_where_the_splat_is(facing, side):
     [
         {"facing": "cull"},
         {"facing": "flip", "prefilter_center": "bounds"},
+        {"prefilter_center": "parallelogram"},
         {"prefilter": "none", "along": "ray"},
     ],
 )

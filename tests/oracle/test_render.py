@@ -319,6 +319,65 @@ def test_prefilter_about_infinite_bounds_is_absent():
     assert np.isfinite(project(splats, camera(), RenderSettings()).prefilter_center).all()
 
 
+def test_prefilter_about_the_projected_parallelogram():
+    """Tangents turned by 45 degrees in their plane: the disc stays, its corners are sqrt(2) along the first ones."""
+    cosine, sine, f, far = 0.5, math.sqrt(3) / 2, 32.0, math.sqrt(2)
+    first, second = np.array([0.0, 1.0, 0.0]), np.array([cosine, 0.0, sine])
+    row = (0, 0, 2), (first + second) / far, (second - first) / far
+    corners = [f * u * cosine / (2 + u * sine) + 16.5 for u in (-far, far)]
+    chosen = RenderSettings(prefilter_center="parallelogram")
+    projected = project(discs(row), camera(), chosen)
+    assert_allclose(projected.prefilter_center, [[sum(corners) / 2, 16.5]], rtol=ORACLE_RELATIVE)
+    flat = project(discs(row), camera(projection="orthographic"), chosen)
+    assert_allclose(flat.prefilter_center, flat.center_raster, rtol=ORACLE_RELATIVE)
+
+
+def test_prefilter_about_an_infinite_parallelogram_is_absent():
+    """A disc clear of the eye plane whose corner is not: it has bounds, but its parallelogram has none."""
+    splats = discs(((0, 1, 1.8), (0, 0.4, 1), (0.7, 0, 1)))
+    centers = {
+        choice: project(splats, camera(), RenderSettings(prefilter_center=choice)).prefilter_center
+        for choice in ("bounds", "parallelogram")
+    }
+    assert np.isfinite(centers["bounds"]).all() and np.isnan(centers["parallelogram"]).all()
+
+
+# ---- the settings of others
+
+
+def test_a_cutoff_of_gaussians_with_given_deviations():
+    """[ZRB04]'s F_g: the Gaussian and its clip line stay in place, and F_g alone sets where it ends."""
+    view, deviation, slope = camera(), 0.12, rays(camera())
+    given = discs(facing_disc(2.0, deviation), clip=np.array([[[0.0, 1.0, 0.5], [0, 0, 0]]]))
+    squared, x = (slope**2).sum(axis=-1) * 4 / deviation**2, slope[..., 0] * 2 / deviation
+    for cutoff in (0.5, 1.5, 2.0):
+        image = render(given.scaled(cutoff), view, cutoff=cutoff, epsilon=1.0)
+        inside = (squared <= cutoff**2) & (x >= -0.5)
+        assert_allclose(image["weight"], np.where(inside, np.exp(-squared / 2), 0), rtol=1e-9)
+        assert inside.any()
+
+
+@pytest.mark.parametrize("variance", [0.3, 0.1])
+@pytest.mark.parametrize("footprint", ["affine", "conic"])
+def test_a_variance_added_on_the_screen(variance, footprint):
+    """Renderers that add 0.3 or 0.1 square pixels to the projected variance, and keep the Gaussian's integral."""
+    given, pixels = discs(facing_disc(2.0, 0.04)), rays(camera()) * 32
+    chosen = {"footprint": footprint, "prefilter": "ewa", "prefilter_radius": math.sqrt(variance), "cutoff": 3.0}
+    image = render(given.scaled(3), camera(), **chosen)
+    own = (32 * 0.04 / 2) ** 2
+    squared = (pixels**2).sum(axis=-1) / (own + variance)
+    expected = np.where(squared <= 9, own / (own + variance) * np.exp(-squared / 2), 0)
+    assert_allclose(image["weight"], expected, rtol=1e-9)
+
+
+def test_a_screen_filter_of_half_a_square_pixel():
+    """2DGS: the lesser of r3^2 and 2 d^2, in squared deviations, cut at 3 deviations."""
+    given, slope = discs(facing_disc(2.0, 0.02)), rays(camera())
+    image = render(given.scaled(3), camera(), prefilter="min", prefilter_radius=3 * math.sqrt(0.5), cutoff=3.0)
+    squared = np.minimum((slope**2).sum(axis=-1) * 4 / 0.02**2, 2 * (32 * slope**2 * 32).sum(axis=-1))
+    assert_allclose(image["weight"], np.where(squared <= 9, np.exp(-squared / 2), 0), rtol=1e-9)
+
+
 # ---- facing
 
 

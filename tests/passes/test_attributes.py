@@ -33,6 +33,7 @@ PREFILTERS = {
     "projected": {},
     "wide": {"prefilter_radius": 2.5},
     "bounds": {"prefilter_center": "bounds"},
+    "parallelogram": {"prefilter_center": "parallelogram", "prefilter_radius": 2.5},
 }
 
 

@@ -110,7 +110,7 @@ def test_no_list_lacks_a_splat(device, projection, precision):
             facing=str(rng.choice(["keep", "cull", "flip"])),
             prefilter=str(rng.choice(["min", "none"])),
             prefilter_radius=float(10.0 ** rng.uniform(-1, 1.5)),
-            prefilter_center=str(rng.choice(["projected", "bounds"])),
+            prefilter_center=str(rng.choice(["projected", "bounds", "parallelogram"])),
         )
         passes = DevicePasses(device, any_discs(rng, camera), camera, settings)
         records, _ = passes.project()

@@ -115,7 +115,7 @@ def test_methods_without_perspective(renderer, method):
         pytest.param(RenderSettings(footprint="affine", prefilter="min", **CULL), marks=pytest.mark.slow),
         RenderSettings(footprint="conic", prefilter="min", prefilter_center="bounds", prefilter_radius=3.0, **CULL),
         RenderSettings(footprint="conic", prefilter="none", along="ray", facing="cull"),
-        RenderSettings(method="zwicker04", cutoff=3.0, prefilter_radius=2.0),
+        RenderSettings(method="zwicker04", shading="deferred", cutoff=3.0, prefilter_radius=2.0),
         RenderSettings(normals="field", kernel="constant", **LIT, **CULL),
     ],
     ids=["affine min", "conic min", "conic none", "wide ewa", "field deferred"],
@@ -172,6 +172,30 @@ def test_targets_are_exact_where_nothing_is_rounded_before(renderer, target):
     color = (want["albedo"] * want["weight"][..., None])[sure]
     found = (frame["albedo"] * frame["weight"][..., None])[sure]
     np.testing.assert_allclose(found, color, atol=1e-6)
+
+
+@pytest.mark.parametrize("target", ["float16", "float16_clamped"])
+def test_halves_overflow_to_infinity_or_stop_at_65504(renderer, target):
+    """Sums beyond 65504 are infinite as on GPUs, or stay there; their signs are kept."""
+    splats = extended("layers", 8)
+    splats = replace(splats, color=np.round(splats.color * 16) * 4096 * np.array([1, -1, 1]))
+    settings = RenderSettings(target=target, kernel="constant", shader="albedo")
+    frame, want, sure = compare(renderer, splats, CAMERAS["outside"], settings)
+    sums = (frame["albedo"] * frame["weight"][..., None])[sure]
+    np.testing.assert_allclose(sums, (want["albedo"] * want["weight"][..., None])[sure], rtol=1e-6)
+    most = np.inf if target == "float16" else 65504
+    np.testing.assert_allclose([sums.max(), -sums.min()], most, rtol=1e-6)
+    assert 0.1 < (np.abs(sums) > 65503).mean() < 0.9
+
+
+def test_infinities_of_both_signs_sum_to_nan(renderer):
+    """Caught: NaN that turns into 65504 or into a zero."""
+    splats = SCENES["layers"](8)
+    splats = replace(splats, color=np.where(np.arange(len(splats))[:, None] % 2, 1e6, -1e6) * np.ones(3))
+    settings = RenderSettings(target="float16", kernel="constant", shader="albedo")
+    frame, want, sure = compare(renderer, splats, CAMERAS["outside"], settings)
+    np.testing.assert_array_equal(frame["albedo"][sure], want["albedo"][sure])
+    assert np.isnan(frame["albedo"][sure]).any() and np.isinf(frame["albedo"][sure]).any()
 
 
 @pytest.mark.parametrize("view", [(2.2, 1.7, 2.9), (1.9, -2.4, 1.2), (-3.0, 0.6, 1.1)])

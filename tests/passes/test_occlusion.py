@@ -44,7 +44,7 @@ def any_settings(rng, precision, footprint, prefilter):
         footprint=footprint,
         prefilter=prefilter,
         prefilter_radius=float(10.0 ** rng.uniform(-1, 1.5)),
-        prefilter_center=str(rng.choice(["projected", "bounds"])),
+        prefilter_center=str(rng.choice(["projected", "bounds", "parallelogram"])),
     )
 
 

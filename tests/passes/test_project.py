@@ -31,6 +31,7 @@ SETTINGS = {
     "cull": RenderSettings(epsilon=EPSILON, facing="cull"),
     "flip": RenderSettings(epsilon=EPSILON, facing="flip"),
     "bounds": RenderSettings(epsilon=EPSILON, prefilter_center="bounds", prefilter_radius=1.75),
+    "parallelogram": RenderSettings(epsilon=EPSILON, prefilter_center="parallelogram", prefilter_radius=1.75),
     "double": RenderSettings(epsilon=EPSILON, prefilter_center="bounds", precision="double"),
 }
 AMPLE = ("outside", "off_center", "orthographic")
@@ -247,7 +248,7 @@ def test_normals_and_colors(device, scene_name, camera_name, name):
         assert ((got * p.center_eye[ids]).sum(axis=1)[decided] < 0).all()
 
 
-@pytest.mark.parametrize("name", ["min", "none", "bounds", "double"])
+@pytest.mark.parametrize("name", ["min", "none", "bounds", "parallelogram", "double"])
 @pytest.mark.parametrize("camera_name", AMPLE)
 @pytest.mark.parametrize("scene_name", ["random_ellipses", "near_plane", "sub_pixel"])
 def test_centers_of_the_prefilter(device, scene_name, camera_name, name):

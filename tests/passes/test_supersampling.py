@@ -82,7 +82,7 @@ def rich():
     )
 
 
-@pytest.mark.parametrize("method", ["zwicker04", "botsch04"])
+@pytest.mark.parametrize("method", ["zwicker04", "zwicker01", "botsch04"])
 def test_windows_of_other_methods(renderer, method):
     """Mutation: `column` and `row` of `vary` counted from the image instead of the window."""
     settings, camera = RenderSettings(method=method, epsilon=EPSILON), small("off_center")
@@ -91,7 +91,7 @@ def test_windows_of_other_methods(renderer, method):
     render, drawn = windows(renderer, splats, settings)
     got = supersampled(camera, 2, render, samples=300)
     assert len(drawn) > 5 and (large["count"] > 0).any()
-    assert ("attribute.heat" in got, "albedo" in got) == (method == "botsch04", method == "zwicker04")
+    assert ("attribute.heat" in got, "albedo" in got) == (method == "botsch04", method == "zwicker01")
     assert_same_bits(got, box_filtered(large, 2))
 
 

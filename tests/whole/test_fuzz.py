@@ -107,7 +107,7 @@ def any_settings(draw, combination):
             epsilon=draw(st.one_of(st.just("auto"), st.floats(0, 1e6))),
             along=draw(st.sampled_from(["z", "ray"])),
             prefilter_radius=draw(st.floats(1e-3, 100)),
-            prefilter_center=draw(st.sampled_from(["projected", "bounds"])),
+            prefilter_center=draw(st.sampled_from(["projected", "bounds", "parallelogram"])),
             cutoff=draw(st.floats(0, 8)),
             shader="phong" if "method" in combination else draw(st.sampled_from(["phong", "albedo", "normal"])),
             lights=draw(LIGHTS),

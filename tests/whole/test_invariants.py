@@ -26,7 +26,7 @@ choices = st.builds(
     epsilon=st.sampled_from([0.0, 0.03125, 0.25]),
     along=st.sampled_from(["z", "ray"]),
     prefilter=st.sampled_from(["min", "none"]),
-    prefilter_center=st.sampled_from(["projected", "bounds"]),
+    prefilter_center=st.sampled_from(["projected", "bounds", "parallelogram"]),
     facing=st.sampled_from(["keep", "flip", "cull"]),
 )
 

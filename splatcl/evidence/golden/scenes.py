@@ -97,6 +97,7 @@ def scenes() -> tuple[GoldenScene, ...]:
         GoldenScene("far_from_origin", *moved(discs, far, (2.0**19, -(2.0**22), 96.0)), RenderSettings(0.125)),
         GoldenScene("tiny", tiny, tiny_camera, lights),
         GoldenScene("tiny_bounds", tiny, tiny_camera, replace(bounds, shader="normal", along="ray")),
+        GoldenScene("tiny_parallelogram", tiny, tiny_camera, replace(bounds, prefilter_center="parallelogram")),
         GoldenScene("tiny_table", tiny, tiny_camera, replace(table, prefilter="none", facing="cull", shader="albedo")),
         GoldenScene("tiny_nearest", tiny, tiny_camera, replace(table, kernel_lookup="nearest")),
         GoldenScene("tiny_constant", tiny, tiny_camera, RenderSettings(0.125, kernel="constant")),
@@ -118,6 +119,8 @@ def methods(
     fragments = RenderSettings(0.125, method="botsch04", lights=LIGHTS, material=Material(0.125, 0.5, 0.5, 7.5))
     deferred = replace(fragments, normals="constant", shading="deferred", facing="cull")
     targets = RenderSettings(0.125)
+    overflow = replace(targets, target="float16", shader="albedo")
+    bright = replace(discs, color=discs.color * np.float32(65536), on_invalid="error")
     everything = with_clip(with_attributes(with_field(tiny)))
     sun = Light("directional", (1.0, 2.0, -1.0), shadow="pcf", map_size=64)
     spot = Light("spot", (0.0, 2.0, -3.0), (0.75, 0.5, 0.25), (0.0, -0.5, 1.0), 20.0, 40.0, "nearest", map_size=64)
@@ -138,6 +141,8 @@ def methods(
         GoldenScene("clip", with_clip(discs), far, RenderSettings(0.125)),
         GoldenScene("attributes", with_attributes(discs), far, deferred),
         GoldenScene("float16", discs, far, replace(targets, target="float16")),
+        GoldenScene("float16_overflow", bright, far, overflow),
+        GoldenScene("float16_clamped", bright, far, replace(overflow, target="float16_clamped")),
         GoldenScene("unorm8", discs, far, replace(targets, target="unorm8", half_inputs=True)),
         GoldenScene("tiny_zwicker04", tiny, tiny_camera, conic),
         GoldenScene("tiny_botsch03", tiny, tiny_camera, replace(circles, facing="cull")),

@@ -26,7 +26,7 @@ from splatcl.scene.splats import Splats
 
 TOLERANCE = 32.0
 """Default tolerance, in units of each decision's own rounding error."""
-COARSE = ("float16", "unorm8")
+COARSE = ("float16", "float16_clamped", "unorm8")
 """Targets whose sums are too coarse for useful bounds."""
 
 

@@ -37,7 +37,7 @@ def _fields(real: str) -> dict[str, list[tuple[str, str]]]:
         + _reals(real, "near", "far", "prefilter_radius", "reach", "low_pass", "low_pass_reach")
         + [
             (name, "i4")
-            for name in ("first_column", "first_row", "width", "height", "facing", "prefilter", "prefilter_at_bounds")
+            for name in ("first_column", "first_row", "width", "height", "facing", "prefilter", "prefilter_center")
         ],
         # 48 bytes: center, tangents and color of a splat, world space relative to the origin, for the projection.
         "Splat": _reals(real, "x", "y", "z", "ux", "uy", "uz", "vx", "vy", "vz", "red", "green", "blue"),

@@ -22,8 +22,9 @@ FOOTPRINTS = {"raycast": 0, "affine": 1, "conic": 2}
 PREFILTERS = {"none": 0, "min": 1, "ewa": 2}
 DEFERRED, PER_FRAGMENT, PER_SPLAT = 0, 1, 2
 SHADING = {"deferred": DEFERRED, "fragment": PER_FRAGMENT, "splat": PER_SPLAT}
-TARGETS = {"float16": 1, "unorm8": 2}
+TARGETS = {"float16": 1, "unorm8": 2, "float16_clamped": 4}
 """Values of the kernels' build options (kernels/splat/extra.h, kernels/splat/target.h)."""
+PREFILTER_CENTERS = {"projected": 0, "bounds": 1, "parallelogram": 2}
 FACING = {"keep": 0, "flip": 1, "cull": 2}
 EVERY, FRONT, BEHIND = 0, 1, 2
 """Layers of a tile's list: every entry; the entries near the tile's nearest; the others that these do not occlude."""
@@ -142,7 +143,7 @@ class PassContext:
         if self.settings.prefilter == "ewa":
             view["low_pass_reach"] = self.settings.cutoff * self.settings.prefilter_radius
             view["low_pass"] = (self.settings.cutoff * self.settings.prefilter_radius) ** 2
-        view["prefilter_at_bounds"] = self.settings.prefilter_center == "bounds"
+        view["prefilter_center"] = PREFILTER_CENTERS[self.settings.prefilter_center]
         return self.constant(view)
 
 

@@ -26,14 +26,14 @@ SAMPLES = f"`PSNR by {RAYS}x{RAYS}` compares with as many samples of the splats,
 LOW_PASS = (
     "EWA's low-pass filter has a standard deviation of 1 pixel. EWA/2 has half of that, as the min filter's Gaussian."
 )
-NARROW = {"method": "zwicker04", "prefilter_radius": 0.5}
+NARROW = {"footprint": "conic", "prefilter": "ewa", "prefilter_radius": 0.5}
 """EWA whose low-pass is the Gaussian of the min filter: its standard deviation is 1 pixel / cutoff."""
 FILTERS: dict[str, dict[str, Any]] = {
     "none": {"prefilter": "none"},
     "2x2": {"prefilter": "none", "supersampling": 2},
     "3x3": {"prefilter": "none", "supersampling": 3},
     "min": {},
-    "EWA": {"method": "zwicker04"},
+    "EWA": {"footprint": "conic", "prefilter": "ewa"},
     "EWA/2": NARROW,
 }
 
@@ -111,7 +111,7 @@ def screen_filter(run: Run) -> Result:
     splats, camera = checkerboard(), checkerboard_camera(run.pixels(WIDTH), run.pixels(HEIGHT))
     given = {"with": {"prefilter": "ewa"}, "without": {"prefilter": "none"}}
     images = {
-        name: run.render(splats, camera, **SHEET, method="zwicker04", **one).color[..., :3]
+        name: run.render(splats, camera, **SHEET, footprint="conic", **one).color[..., :3]
         for name, one in given.items()
     }
     error = {name: aliasing(image, camera) for name, image in images.items()}

@@ -60,7 +60,7 @@ def kernel(run: Run, size: int, ratio: float, prefilter: Literal["min", "ewa"]) 
     radius = REACH * size / np.hypot(ASPECT * ratio, 1)
     given = {
         "min": {"prefilter_radius": radius},
-        "ewa": {"method": "zwicker04", "prefilter_radius": radius / CUTOFF},
+        "ewa": {"footprint": "conic", "prefilter": "ewa", "prefilter_radius": radius / CUTOFF},
     }
     short = ratio * radius
     u, v, center = np.diag([ASPECT * short, short, DISTANCE])[:, None]

@@ -17,7 +17,7 @@ TILT, RADIUS = 70.0, 0.7
 """Tilt of the single disc, degrees, and its radius in scene units at a distance of 1."""
 OUTLINES: dict[str, dict[str, Any]] = {
     "affine": {"method": "zwicker01"},
-    "conic": {"method": "zwicker04"},
+    "conic": {"footprint": "conic"},
     "ray cast": {"method": "botsch05"},
 }
 MEANING = (
