@@ -1,4 +1,4 @@
-"""Fixtures: one device and one renderer of each kind for the whole session, and a stand-in for OpenGL's backend."""
+"""Fixtures: one device and one renderer of each kind for the session, and a stand-in for the OpenGL backend."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def device():
 
 @pytest.fixture(scope="session")
 def renderer_with():
-    """Return `renderer_with(lanes=, tile_size=)`, which keeps each renderer it makes."""
+    """Return `renderer_with(lanes=, tile_size=)`, which keeps each renderer that it makes."""
     from splatcl import Renderer
 
     return cache(lambda lanes=None, tile_size=16: Renderer(lanes=lanes, tile_size=tile_size))
@@ -57,7 +57,7 @@ def renderer(renderer_with):
 
 @pytest.fixture
 def stub_backend(monkeypatch, tmp_path):
-    """Put a backend in place of OpenGL's."""
+    """Replace the OpenGL backend by a stub; return its file."""
     from splatcl.apps.bench import against
 
     path = tmp_path / "backend.py"

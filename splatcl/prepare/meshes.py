@@ -41,7 +41,7 @@ def splats_from_mesh(
     vertices : (V, 3) float array
         World space, scene units; float32 and float64 are kept.
     faces : (F, 3) int array
-        Vertex indices, counter-clockwise seen from outside.
+        Vertex indices, counterclockwise seen from outside.
     color : (V, 3) or (F, 3) float array, optional
         Linear RGB of vertices (a splat gets the mean of its corners) or of faces.
     normals : (V, 3) float array, optional
@@ -139,7 +139,7 @@ def steiner_ellipses(corners: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any],
     Returns
     -------
     center, tangent_u, tangent_v : (N, 3) float arrays
-        Centroids and principal half axes, the longer first; u x v points to the side with counter-clockwise corners.
+        Centroids and principal half axes, the longer first; u x v points to the side with counterclockwise corners.
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     center = (a + b + c) / 3

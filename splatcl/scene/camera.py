@@ -194,7 +194,7 @@ class Camera:
             Center, world space, and radius, scene units (`Splats.bounding_sphere`).
         azimuth, elevation : float
             Degrees. Azimuth 0 looks from +z for ``up`` = y and from -y for ``up`` = z. Azimuth turns the eye
-            counter-clockwise, seen from above; elevation, -90 to 90, lifts the eye toward `up`. At elevation 90
+            counterclockwise, seen from above; elevation, -90 to 90, lifts the eye toward `up`. At elevation 90
             (-90), the azimuth's side of the sphere is at the image's lower (upper) edge.
         up, fov_y, width, height, **kwargs
             As for `look_at`.

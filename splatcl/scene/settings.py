@@ -42,7 +42,7 @@ MAX_SUPERSAMPLING = 64
 
 @dataclass(frozen=True)
 class RenderSettings:
-    """How splats become pixels (docs/specification.md). The defaults are those of [BHZK05].
+    """Settings of a render (docs/specification.md). The defaults are those of [BHZK05].
 
     The constructor applies `method`: ``dataclasses.replace(settings, method=...)`` keeps what an earlier method set.
 

@@ -16,8 +16,8 @@ from splatcl.apps.bench.passes import PASSES, FramePasses, lanes_of
 
 def test_lanes_of_large_boxes():
     boxes = np.array([(0, 0, 4, 1), (3, 1, 4, 2), (10, 0, 20, 0), (10, 0, 20, 0)], np.int16)
-    tile = np.array([0, 0, 0, 1])  # the last two are one splat in both tiles that it touches
-    # 4x2 blocks from each box' corner: 2x1, 1x1, 2x1; 2x1
+    tile = np.array([0, 0, 0, 1])  # the last two boxes are one splat in both tiles that it touches
+    # 4x2 blocks from the corner of each box: 2x1, 1x1, 2x1; 2x1
     assert lanes_of(boxes, tile, 2, 16, 8) == 8 * (2 + 1 + 2 + 2)
     assert lanes_of(boxes, tile, 2, 16, 4) == 4 * (3 + 1 + 3 + 3)  # 2x2 blocks
     assert lanes_of(boxes, tile, 2, 16, 1) == 10 + 4 + 6 + 5
@@ -26,8 +26,8 @@ def test_lanes_of_large_boxes():
 def test_lanes_of_small_boxes():
     boxes = np.array([(1, 1, 3, 1)] * 5 + [(4, 4, 4, 7), (14, 0, 17, 0), (20, 2, 22, 2), (16, 0, 20, 0)], np.int16)
     tile = np.array([0] * 7 + [1, 1])
-    # A vector for each of 3x1 positions, then of 3x4 (the box of 14 to 17 has 2 columns in its tile); a batch with a
-    # box of 5 columns goes box by box.
+    # One vector takes each of 3x1 positions, then each of 3x4; the box of 14 to 17 has 2 columns in its tile. A batch
+    # with a box of 5 columns runs box by box.
     assert lanes_of(boxes, tile, 2, 16, 4) == 4 * (3 + 12 + (2 + 3))
     assert lanes_of(boxes[:7], tile[:7], 2, 16, 8) == 8 * 12
     nowhere = np.array([(1, 0, 0, 5), (16, 0, 17, 0)], np.int16)
@@ -45,7 +45,7 @@ def facing_discs(rows, size):
 
 
 def test_counts_of_a_frame_by_hand(renderer):
-    """Three facing discs of radius 4.5 pixels: within a tile, over four, and one that shows its back."""
+    """The scene has three facing discs of radius 4.5 pixels: within a tile, over four tiles, and one back face."""
     camera, splats = facing_discs([(8, 8, 4.5, 32, 1), (16, 16, 4.5, 32, 1), (24, 24, 4.5, 32, -1)], 32)
     resident = renderer.upload(splats)
     settings = splatcl.RenderSettings(facing="cull", epsilon=0.0)
@@ -61,15 +61,15 @@ def test_counts_of_a_frame_by_hand(renderer):
     fragments = measure.count_fragments(renderer, resident, camera, settings)
     assert fragments.hits == fragments.drawn.fragments == fragments.without_prefilter.fragments == hits
     assert fragments.drawn.pixels <= hits
-    # Blocks of a box of 10x10 and four of 5x5.
+    # The blocks of one 10x10 box and of four 5x5 boxes.
     num_blocks = {1: 100 + 4 * 25, 4: 25 + 4 * 9, 8: 15 + 4 * 6, 16: 9 + 4 * 4}[renderer.device.lanes]
     assert counts.visibility_lanes == counts.attribute_lanes == num_blocks * renderer.device.lanes
 
 
 def test_what_lies_behind_is_not_taken(renderer):
-    """A disc that covers the image before a disc that it hides, and one whose half is beside the image.
+    """One disc covers the image before two hidden discs, of which one lies half outside the image.
 
-    Where nothing is culled, those behind are not even projected.
+    Without back-face culling, the hidden discs are not even projected.
     """
     camera, splats = facing_discs([(8, 8, 2, 9, 1), (8, 8, 40, 2, 1), (16, 8, 3, 9, 1)], 16)
     settings = splatcl.RenderSettings(epsilon=0.0, facing="cull")
@@ -93,6 +93,6 @@ def test_counts_agree_with_each_other(renderer):
     fragments = job.fragments
     assert fragments.drawn == fragments.with_prefilter
     assert fragments.drawn.fragments > fragments.without_prefilter.fragments
-    assert fragments.hits > 1.5 * fragments.without_prefilter.fragments  # the back too
+    assert fragments.hits > 1.5 * fragments.without_prefilter.fragments  # the back side's hits count too
     times = job.times()
     assert list(times) == ["frame", *PASSES] and min(times.values()) > 0

@@ -1,4 +1,4 @@
-"""The benchmark's guard against lost speed, and its stored ratios."""
+"""The benchmark's guard against slowdowns, and its stored ratios."""
 
 from __future__ import annotations
 

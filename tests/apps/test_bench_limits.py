@@ -1,4 +1,4 @@
-"""The benchmark's limits: each pass' work and what memory and arithmetic allow."""
+"""The benchmark's limits: the work of each pass, and the least time that memory and arithmetic allow."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SMALL = 1 << 20
 
 
 def result_of(settings=BASE, **seconds):
-    """Return a result with numbers that are easy to follow."""
+    """Return a result with round numbers."""
     row = Row(1000, settings)
     counts = Counts(
         1000, 600, 900, 850, 800, 700, 400, 500, 50, 36, 16, 4 if settings.facing == "cull" else 8, 48, 64, 32, 4
@@ -101,7 +101,7 @@ def test_roofline_kernels_touch_every_number(mapping, precision):
     sums = device.read(one._sums, (one._num_items, one._lanes), real)
     assert sums.sum(dtype=np.float64) == numbers.sum(dtype=np.float64)
     if mapping == "pixel":
-        return  # a GPU's arithmetic takes a CPU seconds
+        return  # arithmetic sized for a GPU takes a CPU seconds
     assert one.arithmetic() > 0
     sums = device.read(one._sums, (one._num_items, one._lanes), real)
     np.testing.assert_allclose(sums, roofline.CHAINS, rtol=1e-3)  # a = 0.999 a + 0.001 tends to 1

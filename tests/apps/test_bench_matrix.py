@@ -1,4 +1,4 @@
-"""The benchmark's rows, and the order and number of its measurements."""
+"""The benchmark's rows, and the order and the number of its measurements."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_matrix_varies_one_factor_at_a_time():
         method = RenderSettings(method=row.settings.method, facing="cull")
         differing += ["method"] if method != BASE else []
         changed = [f for f, value in vars(row.settings).items() if value != getattr(method, f)]
-        differing += [f for f in changed if f != "user_shader"]  # which comes with its shader
+        differing += [f for f in changed if f != "user_shader"]  # the shader's row sets user_shader too
         assert len(differing) == 1, row.name
         assert base_of(row) in table
 

@@ -18,7 +18,6 @@ from splatcl.cli import main
 
 ENTRY = {"id": "one", "paper": "ZRB04", "section": "1", "says": "It is so.", "kind": "claim"}
 PAGE = ROOT / "docs" / "trust" / "claims.md"
-BRITISH = re.compile(r"colour|\bgrey|centre|neighbour|behaviour|modell|labell|favour|(?:al|n)is(?:e|ed|ation)\b")
 
 
 def test_every_paper_has_its_rows():
@@ -46,9 +45,8 @@ def test_rows_refer_to_rows_that_exist():
     assert set(re.findall(r"\b(?:bhzk05|slides|zrb04)-[\w-]*\w", text)) <= names
 
 
-def test_the_prose_is_short_and_american():
+def test_statements_are_short():
     for row in claims():
-        assert not BRITISH.search(" ".join((row.says, row.check, row.here, row.why))), row.id
         assert max(len(part.split()) for part in re.split(r"(?<=[.;:])\s", row.says)) <= 25, row.id
 
 

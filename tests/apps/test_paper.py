@@ -1,4 +1,4 @@
-"""`splatcl paper`: metrics against closed forms, truths against geometry, experiments at tiny size, and the page."""
+"""`splatcl paper`: metrics against closed forms, truths against geometry, tiny experiments, and the page."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from splatcl.cli import main
 from splatcl.errors import SettingsError
 
 PAGE = ROOT / "docs" / "trust" / "paper.md"
-GREY = np.full((20, 24, 3), 0.5, np.float32)
+GRAY = np.full((20, 24, 3), 0.5, np.float32)
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def run(renderer):
 
 
 def assert_described(result):
-    """Assert that docs/trust/paper.md has the words of an experiment: title, notes, claims and measures."""
+    """Assert that docs/trust/paper.md has an experiment's title, notes, claims and measures."""
     page = PAGE.read_text()
     section = page[page.index(f"\n## {result.name}\n") :]
     assert section.startswith(f"\n## {result.name}\n\n{' '.join([f'{result.title}.', *result.notes])}\n")
@@ -35,24 +35,24 @@ def assert_described(result):
 
 
 def test_metrics_of_a_constant_difference():
-    brighter = GREY + np.float32(0.125)
+    brighter = GRAY + np.float32(0.125)
     half = np.zeros((20, 24), bool)
     half[:10] = True
-    assert metrics.psnr(brighter, GREY) == pytest.approx(-20 * np.log10(0.125))
-    assert metrics.psnr(np.where(half[..., None], GREY, brighter), GREY, half) == np.inf
-    assert metrics.differences(brighter, GREY, half) == (0.125, 0.125)
-    c = (0.01 * metrics.PEAK) ** 2  # without variance only SSIM's luminance is left
+    assert metrics.psnr(brighter, GRAY) == pytest.approx(-20 * np.log10(0.125))
+    assert metrics.psnr(np.where(half[..., None], GRAY, brighter), GRAY, half) == np.inf
+    assert metrics.differences(brighter, GRAY, half) == (0.125, 0.125)
+    c = (0.01 * metrics.PEAK) ** 2  # without variance, only the luminance term of SSIM remains
     expected = (2 * 0.5 * 0.625 + c) / (0.5**2 + 0.625**2 + c)
-    assert metrics.ssim(brighter, GREY) == pytest.approx(expected)
-    assert metrics.ssim(GREY, GREY) == 1
+    assert metrics.ssim(brighter, GRAY) == pytest.approx(expected)
+    assert metrics.ssim(GRAY, GRAY) == 1
 
 
 def test_flip_is_0_for_equal_images_and_more_for_others():
-    same = metrics.flip(GREY, GREY)
+    same = metrics.flip(GRAY, GRAY)
     if same is None:
         pytest.skip(metrics.NO_FLIP)
     assert same == 0
-    assert 0.1 < metrics.flip(0 * GREY, GREY) <= 1
+    assert 0.1 < metrics.flip(0 * GRAY, GRAY) <= 1
 
 
 def test_numbers_of_images():
@@ -71,7 +71,7 @@ def test_second_moments_of_a_gaussian():
     np.testing.assert_allclose(metrics.second_moments(np.exp(-power / 2)), deviation, rtol=MOMENT_RELATIVE)
 
 
-def test_the_checkerboards_truth_is_the_square_where_its_centre_is():
+def test_the_checkerboards_truth_is_the_square_at_the_pixels_center():
     camera = scenes.checkerboard_camera(96, 72)
     truth = scenes.checkerboard_truth(camera, 2)
     x, z = (axis.ravel() for axis in np.meshgrid(np.arange(-0.6, 0.7, 0.4), np.arange(-4.6, -3, 0.4)))

@@ -1,4 +1,4 @@
-"""The benchmark's scenes: what they cover, and that resampled ones are the same surface."""
+"""The benchmark's scenes: they cover the image, and resampled scenes have the same surface."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_a_resampled_scan_is_the_same_surface(num):
 
 
 def test_parts_of_discs_leave_no_holes(renderer):
-    """Through a hole one would see the far side."""
+    """A hole would show the far side."""
     scan, settings = sample_scenes.fibonacci_sphere(2000), splatcl.RenderSettings(prefilter="none", epsilon=0.0)
     parts = sample_scenes.resampled(scan, 40_000)
     camera = sample_scenes.frame_camera(scan, 128, 128)

@@ -1,4 +1,4 @@
-"""The command line: options, what it prints, exit statuses, one-line errors."""
+"""The command line: options, output, exit statuses, one-line errors."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_render_writes_both_outputs_and_says_what_it_did(stub, capsys, tmp_path)
     status, out, err = run(capsys, "render scan.ply -o out.exr --png out.png --size 80x60 --azimuth 30 --elevation -20")
     assert (status, err) == (0, [])
     assert out[0].startswith("read scan.ply: 1 splats in ")
-    assert out[1] == "note: estimated 1 normal from 8 neighbours"
+    assert out[1] == "note: estimated 1 normal from 8 neighbors"
     assert out[2].startswith("rendered 80x60 in ") and "cover 50.0% of the image" in out[2]
     assert out[3:5] == ["device stub", "epsilon 0.5 (auto)"]
     assert out[5].startswith("wrote out.exr (") and out[6].startswith("wrote out.png (") and len(out) == 7
@@ -95,7 +95,7 @@ def test_without_options_the_settings_are_the_defaults(stub, capsys):
 
 
 def test_every_setting_with_choices_is_an_option_with_those_choices(capsys):
-    """A choice that is added to RenderSettings needs no change of the command line."""
+    """A new choice in RenderSettings needs no change of the command line."""
     hints = get_type_hints(RenderSettings)
     choices = {name: get_args(hint) for name, hint in hints.items() if get_origin(hint) is not None}
     literal = {name: args for name, args in choices.items() if all(isinstance(a, str) for a in args)}

@@ -1,4 +1,4 @@
-"""Where the command line puts an error: its exit status and its words; and `splatcl devices`."""
+"""Errors of the command line: exit status and words; and `splatcl devices`."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_a_library_that_meets_a_failing_disk(capsys, monkeypatch, tmp_path, numb
 
 @contextmanager
 def full_disk():
-    """Let no file grow beyond 100 bytes, for so long only: the tests' own log is a file too."""
+    """Limit files to 100 bytes, within the context alone: the log of the tests is a file too."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:

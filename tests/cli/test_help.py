@@ -1,4 +1,4 @@
-"""What ``--help`` prints: groups, examples that work, pages that exist."""
+"""The text of ``--help``: groups, examples that run, pages that exist."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ EXAMPLES = re.findall(r"^    splatcl (.*)$", RENDER_EXAMPLES.replace("\\\n", "")
 
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory):
-    """A folder with the scan that the examples read."""
+    """Return a folder with the scan that the examples read."""
     folder = tmp_path_factory.mktemp("examples")
     (folder / "bunny.pts").symlink_to(bundled_scan())
     return folder
@@ -47,7 +47,7 @@ def test_the_examples_stand_at_the_end_of_the_help_of_render_alone(capsys):
 
 
 def test_every_setting_stands_in_one_panel():
-    """A new setting needs a panel, else it is missing in the help."""
+    """A setting without a panel would be missing in the help."""
     shown = [name for names in SUBJECTS.values() for name in names]
     settings = {field.name.replace("_", "-") for field in fields(RenderSettings)}
     assert len(shown) == len(set(shown))
@@ -72,7 +72,7 @@ def test_the_panels_in_order(capsys, command, expected):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_every_option_has_its_help(capsys, name):
-    """A row that begins with an option goes on with words, and no default is a word of Python."""
+    """Each row of an option has words, and no default is a Python word."""
     _, out, _ = run(capsys, f"{name} --help")
     rows = [line for line in out if re.match(r"│ [* ]*--", line)]
     assert (rows and all(re.search(r"\S  +[^\s│]", line) for line in rows)) or name == "info"

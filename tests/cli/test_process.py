@@ -1,4 +1,4 @@
-"""The command line as a process of its own: exit statuses, pipes, interrupts, what it imports."""
+"""The command line as a separate process: exit statuses, pipes, interrupts, imports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ COMMAND = [sys.executable, "-c", "import sys, splatcl.cli; sys.exit(splatcl.cli.
 
 
 def run_process(command, **kwargs):
-    """Run in a process of its own."""
+    """Run the command in a separate process."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | kwargs
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     return subprocess.run([*COMMAND, *command.split()], text=True, timeout=120, env=environment, **pipes)
@@ -37,7 +37,7 @@ def test_process_renders_a_file_of_bare_points(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["o.exr", "o.png", "s.xyz"]
     aovs, camera, metadata = read_exr(tmp_path / "o.exr")
     assert camera is not None and metadata["epsilon"] > 0
-    depth = np.linalg.norm(camera.position)  # the origin is at the middle of the image
+    depth = np.linalg.norm(camera.position)  # the origin is in the middle of the image
     assert aovs["Z"][24, 32] == pytest.approx(depth, rel=0.01)
     assert iio.imread(tmp_path / "o.png")[24, 32, 3] == 255
 

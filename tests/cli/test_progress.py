@@ -1,4 +1,4 @@
-"""Progress: silent without a terminal and below the delay, a bar on one after it."""
+"""Progress: silent without a terminal or before the delay; after it, a bar on the terminal."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ print("rich" in sys.modules)
 
 
 def run_on_a_terminal(delay):
-    """Run `WORK` with stderr on a pseudo-terminal; return stdout and what the terminal got."""
+    """Run `WORK` with stderr on a pseudo-terminal; return stdout and the terminal's output."""
     controller, terminal = pty.openpty()
     command = [sys.executable, "-c", WORK, str(delay)]
     env = {**os.environ, "TERM": "xterm", "COLUMNS": "80"}
@@ -38,7 +38,7 @@ def run_on_a_terminal(delay):
         while True:
             try:
                 chunk = os.read(controller, 4096)
-            except OSError:  # Linux says so when the last writer has closed the terminal
+            except OSError:  # Linux raises it when the last writer has closed the terminal
                 break
             if not chunk:
                 break
@@ -54,7 +54,7 @@ def test_a_long_stage_shows_a_bar_on_a_terminal_and_removes_it():
     assert stdout == "True"
     assert "Reading [b]a[/b].ply" in shown and "━" in shown
     assert "An inner stage" not in shown
-    assert shown.rstrip("\r\n").endswith("\x1b[2K")  # the last thing done is to clear the line
+    assert shown.rstrip("\r\n").endswith("\x1b[2K")  # the last action clears the line
 
 
 def test_a_short_stage_shows_nothing_and_never_imports_rich():

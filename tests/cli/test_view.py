@@ -1,4 +1,4 @@
-"""The command line where it chooses the view itself: what is up, which side, and what it says of the picture."""
+"""The view that the command line chooses: the up axis, the side, and the notes on the picture."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ AWAY = "note: most normals face away from the camera; try --facing flip"
 
 
 def sheet(normal_z, oriented=True):
-    """Four splats in a plane, all of whose normals point along +z or -z."""
+    """Return four splats in a plane, with all normals along +z or all along -z."""
     return Splats(SQUARE, [[1.0, 0, 0]] * 4, [[0, float(normal_z), 0]] * 4, oriented=oriented)
 
 
 def render(stub, capsys, monkeypatch, splats, options=""):
-    """Return the camera that was rendered with and the notes that were printed."""
+    """Return the camera of the render and the printed notes."""
     monkeypatch.setattr("splatcl.io.read.read", lambda path, on_invalid="error": splats)
     monkeypatch.setattr("splatcl.io.read.up_axis", lambda path: "y")
     status, out, err = run(capsys, f"render s.ply --png o.png {options}")
@@ -42,7 +42,7 @@ def test_a_scan_of_one_side_is_seen_from_that_side(stub, capsys, monkeypatch):
         (sheet(-1), "--azimuth 0", 1),
         (sheet(-1), "--azimuth 180", -1),
         (sheet(-1, oriented=False), "", 1),
-        (Splats(SQUARE, [[1.0, 0, 0]] * 4, [[0, s, 0] for s in (1.0, -1, 1, -1)]), "", 1),  # no side at all
+        (Splats(SQUARE, [[1.0, 0, 0]] * 4, [[0, s, 0] for s in (1.0, -1, 1, -1)]), "", 1),  # no side is the front
         (sheet(1).take([]), "", 1),
     ],
 )
@@ -66,7 +66,7 @@ def test_no_side_is_better_from_above(stub, capsys, monkeypatch):
         ((0, 0, -1), "", False),
         ((0, 0, 1), "--facing flip", False),
         ((0, 0, 1), "--facing cull", False),
-        ((-1, 0, 0.1), "", True),  # the covered left half of the image: the eye sees it from behind
+        ((-1, 0, 0.1), "", True),  # the eye sees the covered left half of the image from behind
         ((-1, 0, 0.1), "--projection orthographic", True),
         ((1, 0, 0.1), "--fov 90", False),
     ],

@@ -1,4 +1,4 @@
-"""Devices: choosing, refusing, and working where servers are awkward (fork, threads, no home, one core)."""
+"""Devices: choice, refusal, and work in awkward processes (fork, threads, no home, one core)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from splatcl.opencl.device.strictness import FLAG_VARIABLES
 
 SPLATS = splatcl.Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
 CAMERA = splatcl.Camera.look_at((0, 0, 3), (0, 0, 0), width=33, height=17)
-CULL = splatcl.RenderSettings(facing="cull")  # one layer alone: half the programs to build
+CULL = splatcl.RenderSettings(facing="cull")  # one layer alone halves the programs to build
 SCRIPT = """
 import numpy as np, splatcl
 splats = splatcl.Splats(np.zeros((1, 3)), np.eye(3)[:1], np.eye(3)[1:2])
@@ -131,7 +131,7 @@ def test_sizes_the_kernels_do_not_have_are_refused(kwargs):
 def in_child(queue):
     try:
         queue.put(nearest())
-    except Exception as error:  # the parent's assertion shows it
+    except Exception as error:  # the parent's assertion shows the error
         queue.put(repr(error))
 
 

@@ -1,4 +1,4 @@
-"""Our own division and square root (kernels/arithmetic/divide.h) against NumPy's, the processor's own, bit for bit."""
+"""kernels/arithmetic/divide.h against NumPy's division and square root, which are the processor's, bit for bit."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ CASES = [("single", 1), ("single", 8), ("double", 4)]
 
 
 def wrong_cases(device, precision, lanes, a, b):
-    """Return the pairs whose quotient or root of `a` is not NumPy's, those with a subnormal result or operand aside."""
+    """Return the pairs whose quotient, or root of `a`, is not NumPy's; skip any subnormal result or operand."""
     if precision == "double" and device.info.supports["double"] == "no":
         pytest.skip("the device has no double precision")
     abcd = np.stack([a, b, a, b]).astype(REALS[precision])
@@ -37,7 +37,7 @@ def wrong_cases(device, precision, lanes, a, b):
 
 
 def in_batches(values):
-    """Yield the values BATCH at a time, the last of them repeated to fill."""
+    """Yield the values BATCH at a time; the last value fills the last batch."""
     for begin in range(0, len(values), BATCH):
         yield np.resize(values[begin : begin + BATCH], BATCH)
 
@@ -49,7 +49,7 @@ def random_bits(rng, precision, count):
 
 @pytest.mark.parametrize(("precision", "lanes"), CASES)
 def test_random_bit_patterns(device, precision, lanes):
-    """Two million pairs of any size, infinities, zeros and NaN among them; and as many between 1/2 and 2."""
+    """Two million pairs have any bits (infinities, zeros and NaN among them); as many lie between 1/2 and 2."""
     rng = np.random.default_rng(2)
     for _ in range(8):
         a, b = random_bits(rng, precision, BATCH), random_bits(rng, precision, BATCH)
@@ -60,7 +60,10 @@ def test_random_bit_patterns(device, precision, lanes):
 
 @pytest.mark.parametrize(("precision", "lanes"), CASES)
 def test_the_hardest_quotients_and_roots(device, precision, lanes):
-    """Next to the middle between two numbers. Mutations: quotients are not corrected; SPLIT_HALF is 0."""
+    """The exact results lie next to the middle between two numbers.
+
+    Mutations: no correction of quotients; SPLIT_HALF 0.
+    """
     dtype = REALS[precision]
     pairs = np.array(list(itertools.islice(hard_quotients(dtype), 50000)), dtype)
     signs = np.where(np.arange(BATCH) % 2, -1, 1)
@@ -73,7 +76,7 @@ def test_the_hardest_quotients_and_roots(device, precision, lanes):
 
 
 def test_every_single_root(device):
-    """All 2^24 significands with an even and an odd exponent, and reciprocals' numerators as they come."""
+    """The roots take all 2^24 significands with an even and an odd exponent; the quotients are reciprocals."""
     significands = np.arange(1 << 23, dtype=np.uint32)
     for exponent in (127, 128):
         for bits in in_batches(significands):
@@ -83,7 +86,7 @@ def test_every_single_root(device):
 
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_the_hard_numbers_are_hard(precision):
-    """Quotients and roots are next to the middle between two numbers, never on it."""
+    """Quotients and roots lie next to the middle between two numbers, never on it."""
     dtype = REALS[precision]
     p = np.finfo(dtype).nmant + 1
     for a, b in itertools.islice(hard_quotients(dtype), 100):

@@ -1,4 +1,4 @@
-"""Structs: what the device lays out is what NumPy writes, and any other layout does not compile."""
+"""Structs: the device's layout is NumPy's, and any other layout does not compile."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conservation: what goes into a render comes out of it, exactly; and each check sees what it is for."""
+"""The accounting: every render adds up exactly, and each check finds its own kind of error."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ def failures(frame):
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize(("scene_name", "camera_name"), VIEWS)
 def test_every_scene_adds_up(renderer, scene_name, camera_name, precision):
-    """Mutations that fail here: ``x < COLUMN(l.last)`` in bin_count and bin_scatter together (an entry short),
-    ``x + 1 < across`` in attributes.cl's small boxes, every 64th splat left out in bin_count."""
+    """Mutations: `x <` for `x <=` in FOR_EACH_TILE; `x + 1 < across` in add_small_boxes; no 64th splat in bin_count."""
     settings = RenderSettings(epsilon=EPSILON, precision=precision)
     assert failures(renderer.render(scene(scene_name), CAMERAS[camera_name], settings)) == []
 
@@ -57,7 +56,7 @@ def test_the_numbers_are_in_the_details_and_the_metadata(renderer):
 
 
 def test_bands_of_tiles_add_up(renderer, monkeypatch):
-    """Every tile in a band of its own."""
+    """Each band has one tile."""
     bands = bin_pass.bands
     monkeypatch.setattr(bin_pass, "bands", lambda totals, _: bands(totals, 1))
     assert failures(renderer.render(scene("layers"), *VIEW)) == []
@@ -67,15 +66,15 @@ def test_no_splats_add_up(renderer):
     assert failures(renderer.render(splatcl.Splats(*np.zeros((3, 0, 3))), *VIEW)) == []
 
 
-# ---- colour
+# ---- constant color
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("settings", SETTINGS)
 def test_a_power_of_two_comes_out_with_its_bits(renderer, settings, precision):
-    """Each product w c is then exact, and every sum of products c times the sum of the weights.
+    """Each product w c is exact, so the sum of the products is exactly c times the sum of the weights.
 
-    Mutation: resolving as color_sum * (1 / weight_sum) fails here.
+    Mutation: color_sum * (1 / weight_sum) in place of the division.
     """
     settings = RenderSettings(**{"epsilon": EPSILON, "precision": precision} | SETTINGS[settings])
     splats = scene("random_ellipses")
@@ -105,18 +104,18 @@ def test_the_bound_is_about_two_roundings_a_fragment():
     np.testing.assert_allclose(bound, np.array([3, 201]) * 2.0**-24, rtol=1e-4)
 
 
-# ---- each check sees what it is for
+# ---- each check finds its own kind of error
 
 
 def spoiled(monkeypatch, name, spoil):
-    """Let the function `name` return what `spoil` makes of its arguments and its result."""
+    """Replace the result of the function `name` by `spoil(arguments, result)`."""
     for module in (accounting, entries):
         if original := getattr(module, name, None):
             monkeypatch.setattr(module, name, lambda *args, original=original: spoil(args, original(*args)))
 
 
 def rewrite(device, buffer, shape, dtype, change):
-    """Change a buffer on the device in place."""
+    """Apply `change` to a buffer on the device, in place."""
     array = device.read(buffer, shape, dtype)
     change(array)
     device.write(buffer, array)
@@ -137,7 +136,7 @@ def test_a_lost_splat_is_seen(renderer, monkeypatch):
 
 
 def spoiled_lists(monkeypatch, change):
-    """Let `change` spoil the (N,) ids of the longest list of each band."""
+    """Apply `change` to the (N,) ids of the longest list of each band."""
 
     def spoil(args, bands):
         for lists in bands:
@@ -180,7 +179,7 @@ def test_another_record_in_a_tile_is_seen(renderer, monkeypatch):
         def change(records):
             records["u_x"] = np.nextafter(records["u_x"], np.float32(np.inf))
 
-        if lists.last_tile > 1:  # not the projection without tiles
+        if lists.last_tile > 1:  # skip the projection of the one tile that holds all splats
             dtype = passes.dtypes["ProjectedSplat"]
             rewrite(passes.device, projected.records, (int(lists.begin[-1]),), dtype, change)
         return projected
@@ -204,7 +203,7 @@ def test_a_fragment_too_many_is_seen(renderer, monkeypatch):
     assert failures(frame) == ["fragments", "repetition"]
 
 
-def test_a_colour_off_by_one_bit_is_seen(renderer, monkeypatch):
+def test_a_color_off_by_one_bit_is_seen(renderer, monkeypatch):
     frame = renderer.render(scene("sphere"), *VIEW)
 
     def next_number(args, result):

@@ -1,6 +1,6 @@
-"""The doctor: healthy devices pass, each way of breaking one is named, and what follows for rendering.
+"""The doctor: healthy devices pass, each broken operation is named, and a wrong device is refused for rendering.
 
-Devices are broken on purpose by editing the kernels' source on its way to the compiler, or by the compiler's flags.
+The tests break devices on purpose: they edit the kernels' source on its way to the compiler, or set compiler flags.
 """
 
 from __future__ import annotations
@@ -53,22 +53,22 @@ MUTATIONS = {
     "shift_right": ("AS_BITS(a) >> (bits)MANTISSA", "(AS_BITS(a) >> (bits)MANTISSA) & (bits)511"),
 }
 
-CULL = splatcl.RenderSettings(facing="cull")  # one layer alone: half the programs to build
+CULL = splatcl.RenderSettings(facing="cull")  # one layer alone halves the programs to build
 GOLDEN = ("ordinary", "near_plane", "along_ray", "lights")
 MORE_GOLDEN = ("orthographic", "table_linear")
-"""Scenes that compile programs of their own."""
+"""Golden scenes that compile further programs."""
 
 
 @pytest.fixture
 def tiny_golden(monkeypatch):
-    """Let one golden image, which needs few programs, stand for all of them."""
+    """Reduce the golden images to one, which needs few programs."""
     tiny = tuple(scene for scene in golden.scenes() if scene.name == "tiny_table")
     monkeypatch.setattr(golden, "scenes", lambda: tiny)
 
 
 @pytest.fixture
 def mutate(monkeypatch, tmp_path):
-    """Return `mutate(before, after)`, which edits the source of every kernel built from then on."""
+    """Return `mutate(before, after)`, which edits the source of every later kernel."""
     monkeypatch.setattr(strict, "_cache_folder", lambda: tmp_path)
 
     def edit(before, after):
@@ -105,7 +105,7 @@ def test_the_default_device_is_fit():
 
 @pytest.mark.parametrize("name", MUTATIONS)
 def test_each_wrong_operation_is_named(mutate, name):
-    """Mutation: `MUTATIONS[name]`, such as fma(a, c, b) for a * c + b or fmax for a comparison and a select."""
+    """Mutation: `MUTATIONS[name]`, such as fma(a, c, b) for a * c + b, or fmax for comparison and select."""
     mutate(*MUTATIONS[name])
     wrong = found().wrong
     assert name in names(wrong)
@@ -113,14 +113,14 @@ def test_each_wrong_operation_is_named(mutate, name):
     assert all(0 < finding.num_wrong <= finding.num_tested and " gave " in finding.example for finding in wrong)
 
 
-def test_what_the_device_does_not_write_is_wrong(mutate):
-    """Mutation: the row of `multiply` is left as it was."""
+def test_a_row_that_the_device_does_not_write_is_wrong(mutate):
+    """Mutation: no RESULT(multiply, ...) in doctor.cl."""
     mutate("RESULT(multiply, a * b);", "")
     assert names(found(1).wrong) == {"multiply"}
 
 
 def test_flushed_subnormals_are_reported_but_no_failure(mutate):
-    """Mutation: products below the least normal number become zero."""
+    """Mutation: zero for products below the least normal number."""
     tiny = "MASK(magnitude(a * b) < FLT_MIN) & MASK(a * b != R(0.0))"
     mutate("RESULT(multiply, a * b)", f"RESULT(multiply, SELECT(a * b, R(0.0), {tiny}))")
     result = found()
@@ -132,7 +132,7 @@ def test_flushed_subnormals_are_reported_but_no_failure(mutate):
 )
 @pytest.mark.parametrize("lanes", [1, 8])
 def test_a_wrong_division_or_root_is_replaced_by_ours(mutate, mutation, operation, option, lanes):
-    """Mutations: a / b is a * (1 / b); sqrt(x) is x * rsqrt(x)."""
+    """Mutations: a * (1 / b) for a / b; x * rsqrt(x) for sqrt(x)."""
     mutate(*mutation)
     result = found(lanes)
     assert not result.wrong and names(result.replaced) == {operation}
@@ -140,7 +140,7 @@ def test_a_wrong_division_or_root_is_replaced_by_ours(mutate, mutation, operatio
 
 
 def test_a_wrong_replacement_is_a_failure(mutate):
-    """Mutations: a / b is a * (1 / b), and our own division stops before its last correction."""
+    """Mutations: a * (1 / b) for a / b, and no last correction in the division of divide.h."""
     mutate(*DIVISION)
     mutate(
         "return step_ulp(q, MASK(remainder > half_ulp), MASK(remainder < -half_ulp));",
@@ -151,7 +151,7 @@ def test_a_wrong_replacement_is_a_failure(mutate):
 
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_images_do_not_depend_on_whose_division_and_root_it_is(mutate, every):
-    """Mutations: a / b is a * (1 / b); sqrt(x) is x * rsqrt(x). The golden images keep their hashes."""
+    """The golden images keep their hashes. Mutations: a * (1 / b) for a / b; x * rsqrt(x) for sqrt(x)."""
     mutate(*DIVISION)
     mutate("#define divide_real(a, b) ((a) / (b))", "#define divide_real(a, b) ((a) * (R(1.0) / (b)))")
     mutate(*ROOT)
@@ -165,7 +165,7 @@ def test_images_do_not_depend_on_whose_division_and_root_it_is(mutate, every):
 
 
 def test_relaxed_math_is_caught_by_its_arithmetic_too(monkeypatch, tiny_golden):
-    """Mutation: the compiler's flag -cl-fast-relaxed-math."""
+    """Mutation: the compiler flag -cl-fast-relaxed-math."""
     monkeypatch.setenv("PYOPENCL_BUILD_OPTIONS", "-cl-fast-relaxed-math")
     report = examine(devices.choose_device())
     assert report.reasons[0] == "PYOPENCL_BUILD_OPTIONS injects compiler flags"
@@ -174,7 +174,7 @@ def test_relaxed_math_is_caught_by_its_arithmetic_too(monkeypatch, tiny_golden):
 
 
 def test_a_wrong_device_is_refused_or_recorded(mutate, tmp_path):
-    """Mutation: dot products are summed in another order."""
+    """Mutation: another order of the sum in dot products."""
     mutate(*MUTATIONS["dot"])
     with pytest.raises(DeviceError, match=r"computes wrongly: dot \(dot \(single, lanes 1\): .*see `splatcl doctor`"):
         splatcl.Renderer()
@@ -185,7 +185,7 @@ def test_a_wrong_device_is_refused_or_recorded(mutate, tmp_path):
 
 
 def test_double_precision_is_judged_when_it_is_used(mutate):
-    """Mutation: in double precision, dot products are summed in another order."""
+    """Mutation: another order of the sum in dot products, in double precision alone."""
     if not has_double():
         pytest.skip("the device has no double precision")
     before, after = MUTATIONS["dot"]
@@ -212,7 +212,7 @@ def test_injected_flags_are_recorded_where_they_are_allowed(monkeypatch, tmp_pat
 
 
 def test_the_quick_test_is_remembered(mutate, monkeypatch, tmp_path):
-    """Also where the cache is damaged, or cannot be written."""
+    """The test runs again where the cache is damaged or cannot be written."""
     device, calls = Device(), []
     real = arithmetic.examine
     monkeypatch.setattr(arithmetic, "examine", lambda *a: calls.append(a) or real(*a))
@@ -241,7 +241,7 @@ def test_the_memory_belongs_to_one_test_on_one_device(mutate, monkeypatch):
 
 
 def test_the_command_line_reports(mutate, capsys, monkeypatch, tiny_golden):
-    """Mutation: dot products are summed in another order; then the exit status is 1."""
+    """The exit status is 1 for a wrong device. Mutation: another order of the sum in dot products."""
     monkeypatch.setattr(arithmetic, "THOROUGH", arithmetic.QUICK)
     assert main(["doctor"]) == 0
     out = capsys.readouterr().out
@@ -258,7 +258,7 @@ def test_the_command_line_reports(mutate, capsys, monkeypatch, tiny_golden):
 
 
 def test_the_documentation_shows_the_report_of_a_healthy_device():
-    """Also its counts: operations, numbers and golden images. Only the names of device and runtime are the page's."""
+    """The counts of operations, numbers and golden images are current; the page names its own device and runtime."""
     example = re.search(r"```console\n\$ splatcl doctor\n(.*?)```", PAGE, re.DOTALL)
     assert example
     index, name, platform, version = re.match(r"(\d+)  (.+)\n   ([^,\n]+), (.+)\n", example[1]).groups()
@@ -279,7 +279,7 @@ INTEGER_DIVISORS = r"(?:(?:BLOCK|(?:PAIR_)?REGION)S?(?:_[XY])?|TILE|LANES|tiles_
     "path", sorted(str(p.relative_to(KERNELS)) for p in KERNELS.rglob("*") if p.suffix in (".h", ".cl"))
 )
 def test_kernels_divide_and_take_roots_by_our_names(path):
-    """Mutation: `a / b` or `sqrt(a)` of reals in any kernel."""
+    """Kernels call divide and square_root of divide.h. Mutation: `a / b` or `sqrt(a)` of reals in any kernel."""
     code = re.sub(r"//.*", "", (KERNELS / path).read_text())
     code = re.sub(r"#define (?:divide|square_root)\w*\(.*", "", code)
     assert not re.findall(r"\bsqrt\(.*", code)

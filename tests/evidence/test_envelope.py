@@ -1,4 +1,4 @@
-"""Margins of whole images equal the oracle's; whatever way rounding falls, renders stay inside the envelope."""
+"""Margins of whole images equal the oracle's, and renders of any rounding stay inside the envelope."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ NONE = dict.fromkeys(BOUNDED, 0)
 
 @pytest.mark.parametrize(("scene", "camera", "choices"), [view for view in EVERY if view[2] not in TABLES])
 def test_the_margin_is_the_oracle_s(scene, camera, choices, monkeypatch):
-    """Also in several bands of rows. Caught: a slack of the bounds without its kappa term (edge_on)."""
+    """Several bands of rows change nothing. Mutation: no kappa in the slack of _disc_bounds (edge_on)."""
     monkeypatch.setattr(pairs, "PAIRS_PER_BAND", 1 << 12)
     splats, view = SCENES[scene](1), CAMERAS[camera]
     expected = np.minimum(oracle.render(splats, view, CHOICES[choices])["margin"], pairs.MAX_MARGIN)
@@ -39,13 +39,13 @@ def test_the_margin_is_the_oracle_s(scene, camera, choices, monkeypatch):
 
 
 def test_the_raw_margin_is_the_distance_itself():
-    """A facing disc: at each pixel that is near the rim, 1 - r."""
+    """At each pixel near the rim of a facing disc, margin.raw is |1 - r|."""
     view = splatcl.Camera(np.eye(4), 64, 64, 16, 16, 32, 32)
     radius = np.hypot(0.5, 8.5) / 64 * (1 + 1e-6)
     disc = Splats(np.array([[0, 0, 1.0]]), np.array([[0, radius, 0]]), np.array([[radius, 0, 0]]))
     margin, raw = host_margin.margin(disc, view, RenderSettings(prefilter="none"), 0.1)
     near = margin < 10
-    assert np.count_nonzero(near) == 16  # (0.5, 8.5) and (5.5, 6.5) are at one distance
+    assert np.count_nonzero(near) == 16  # (0.5, 8.5) and (5.5, 6.5) are equally far from the center
     np.testing.assert_allclose(raw[near], 1e-6, rtol=1e-3)
 
 
@@ -62,7 +62,7 @@ def test_no_splats_have_no_uncertain_pixel():
 
 @pytest.mark.parametrize(("scene", "camera", "choices"), EVERY)
 def test_our_renders_are_inside(renderer, scene, camera, choices):
-    """Caught: the envelope without the front splat's effect on depth(p) (z_low for z_high in `_choices`)."""
+    """Mutation: z_low for z_high in `_choices`, so a front splat that may miss does not change depth(p)."""
     splats, view = SCENES[scene](2), CAMERAS[camera]
     frame = renderer.render(splats, view, CHOICES[choices])
     assert escapes(bounds(splats, view, CHOICES[choices]), frame) == NONE
@@ -76,7 +76,7 @@ def test_our_renders_are_inside(renderer, scene, camera, choices):
     seed=st.integers(0, 1000),
 )
 def test_renders_with_other_rounding_are_inside(scene, camera, choices, seed):
-    """The inputs' rounding is perturbed and the oracle renders in float64: no value escapes."""
+    """The oracle renders perturbed inputs in float64, and no value leaves the envelope."""
     splats, view = SCENES[scene](3), CAMERAS[camera]
     other = oracle.render(rounded_otherwise(splats, view, seed), view, CHOICES[choices])
     rounded = {name: np.float32(other[name]) for name in BOUNDED}
@@ -90,7 +90,7 @@ def test_renders_with_other_rounding_are_inside(scene, camera, choices, seed):
 )
 @pytest.mark.parametrize("scene", ["random_ellipses", "layers", "sphere", "sub_pixel"])
 def test_fast_math_builds_are_inside(scene, flags, monkeypatch):
-    """The kernels built with every licence: their bits change (or the test shows nothing), no value escapes."""
+    """Kernels built with every license to be inexact give other bits, and no value leaves the envelope."""
     import pyopencl as cl
 
     build = cl.Program.build
@@ -110,7 +110,7 @@ def test_fast_math_builds_are_inside(scene, flags, monkeypatch):
 
 
 def test_the_envelope_opens_where_the_front_splat_may_miss():
-    """Two discs, the front one's rim within the tolerance of a pixel: whether the back one counts is open too."""
+    """The rim of the front disc is within the tolerance of a pixel, so the back disc may count there or not."""
     view = splatcl.Camera(np.eye(4), 64, 64, 16, 16, 32, 32)
     radius = np.hypot(0.5, 8.5) / 64 * (1 + 1e-7)
     row = np.array([[0, 0, 1.0], [0, 0, 1.5]])

@@ -1,4 +1,4 @@
-"""Margins and envelopes of every method: the oracle's margins, and no render outside its envelope."""
+"""Margins and envelopes of every method: margins equal the oracle's, and no render leaves its envelope."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ METHODS = {
 
 
 def furnished(splats, seed, choices):
-    """Splats with normal fields where the choices take them, and clip lines on half of the splats where not."""
+    """Return the splats with normal fields if the choices take them, else with clip lines on half of the splats."""
     rng, num = np.random.default_rng(seed), len(splats)
     if choices.normals == "field":
         return replace(splats, normal_du=rng.normal(size=(num, 3)) * 0.3, normal_dv=rng.normal(size=(num, 3)) * 0.3)
@@ -39,13 +39,13 @@ def furnished(splats, seed, choices):
 
 
 def scene(name, seed, choices, lines=True):
-    """A hundred splats, with clip lines where none of their normals have fields."""
+    """Return a hundred splats, with normal fields if the choices take them, else with clip lines if `lines`."""
     splats = SCENES[name](seed).take(slice(0, 100))
     return furnished(splats, seed, choices) if lines or choices.normals == "field" else splats
 
 
 def escaped(limits, aovs):
-    """Count the values that are outside."""
+    """Count the values outside the envelope."""
     return sum(escapes(limits, {name: np.float32(aovs[name]) for name in BOUNDED if name in aovs}).values())
 
 
@@ -58,10 +58,10 @@ def escaped(limits, aovs):
     [("edge_on", "outside", 128.0), ("giant", "close", 128.0), ("random_ellipses", "close", 2.0**13)],
 )
 def test_the_margin_is_the_oracle_s(method, name, camera, most, monkeypatch):
-    """Margins up to `most` units, as few of ordinary scenes are near.
+    """Margins count up to `most` units, because ordinary scenes have few near ties.
 
-    Caught: bounds of ellipses without kappa (edge_on); the disc's margin where nothing covers the pixel; the filtered
-    ellipse's margin in the visibility pass.
+    Mutations: no kappa in the slack of _ellipse_bounds (edge_on); the disc's margin where nothing covers the pixel; the
+    filtered ellipse's margin in the visibility pass.
     """
     monkeypatch.setattr(pairs, "MAX_MARGIN", most)
     monkeypatch.setattr(host_margin, "MAX_MARGIN", most)
@@ -77,7 +77,7 @@ def test_the_margin_is_the_oracle_s(method, name, camera, most, monkeypatch):
 @pytest.mark.parametrize("prefilter", ["ewa", "none"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_the_margin_of_a_facing_ellipse(prefilter, projection):
-    """A circle of 8 pixels at a pixel 8 (1 + 1e-6) away; filtered, of sqrt(8^2 + 2^2): by hand."""
+    """A circle of 8 pixels passes a pixel 8 (1 + 1e-6) away; its filtered radius is sqrt(8^2 + 2^2)."""
     view = splatcl.Camera(np.eye(4), 32, 32, 16.5, 16.5, 33, 33, near=0.1, projection=projection)
     radius = np.hypot(8, 2 if prefilter == "ewa" else 0) / (1 + 1e-6)
     drawn = np.sqrt(radius**2 - (4 if prefilter == "ewa" else 0)) / 32
@@ -99,10 +99,10 @@ def test_the_margin_of_a_facing_ellipse(prefilter, projection):
     ("name", "camera"), [("random_ellipses", "clipped"), ("layers", "off_center"), ("thin", "orthographic")]
 )
 def test_renders_with_other_rounding_are_inside(method, name, camera):
-    """The inputs' rounding is perturbed and the oracle renders in float64: no value escapes.
+    """The oracle renders perturbed inputs in float64, and no value leaves the envelope.
 
-    Caught: hits of ellipses without the centre's depth; a normal field's bounds without the errors of u and v, or
-    without the centre's normal.
+    Mutations: hits of ellipses without the center's depth; bounds of a normal field without the errors of u and v, or
+    without the center's normal.
     """
     choices, view = METHODS[method], CAMERAS[camera]
     splats = scene(name, 2, choices, lines=method in ("lines", "zwicker01"))
@@ -125,7 +125,7 @@ def test_a_frame_of_any_method_adds_both(renderer, method, tmp_path):
 
 
 def test_circles_and_halves_are_bounded_as_they_are_drawn(renderer):
-    """The frame keeps splats that were rounded and made round already: rounding them again would move them."""
+    """The frame keeps splats that are already rounded and circular; a second rounding would move them."""
     choices = replace(METHODS["botsch03"], half_inputs=True)
     splats = scene("random_ellipses", 4, choices)
     frame = renderer.render(splats, CAMERAS["outside"], choices)
@@ -149,7 +149,7 @@ def test_a_coarse_target_has_margins_but_no_envelope(renderer):
 
 
 def test_a_narrow_target_under_double_is_inside(renderer):
-    """Sums that are rounded to float32 leave an envelope of one unit's tolerance nowhere."""
+    """Sums rounded to float32 stay inside an envelope with a tolerance of one unit."""
     choices = RenderSettings(precision="double", target="float32", epsilon=EPSILON)
     splats = scene("layers", 6, choices, lines=False)
     frame = renderer.render(splats, CAMERAS["outside"], choices)

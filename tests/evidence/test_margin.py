@@ -1,6 +1,6 @@
-"""Margins and envelopes from the device: the host's numbers, and the same bits in every way of working.
+"""Margins and envelopes from the device: they equal the host's, with the same bits in every way of working.
 
-Each test names a mutation of the kernels that was put in by hand, and failed it.
+Each docstring names mutations of the kernels that failed the test when put in by hand.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from reference_scenes import SCENES as REFERENCES  # noqa: E402
 from scene_files import read_scene  # noqa: E402
 
 LIGHT = ("facing_disc", "edge_on", "near_plane", "orthographic", "epsilon_along_ray", "kernel_table", "survey")
-"""Reference scenes that the host takes seconds for."""
+"""Reference scenes that take the host a few seconds."""
 
 
 def by_both(renderer, splats, camera, settings):
-    """(The device's, the host's) margins and envelope, each by name."""
+    """Return the device's and the host's margins and envelopes, by name."""
     settings = effective_settings(settings, splats.oriented)
     resident = renderer.upload(splats)
     epsilon = resident.epsilon(settings)
@@ -49,7 +49,7 @@ def by_both(renderer, splats, camera, settings):
 
 
 def images(renderer, resident, camera, settings, tolerance=envelope.TOLERANCE):
-    """Every image that the device adds, by name."""
+    """Return every image that the device adds, by name."""
     arguments = resident, camera, settings, resident.epsilon(settings)
     margin, raw = renderer.call(margin_pass.margin, *arguments)
     limits = renderer.call(envelope_pass.envelope, *arguments, tolerance)
@@ -67,7 +67,7 @@ def assert_the_same(on_device, on_host, units=DEVICE_MARGIN):
         np.testing.assert_array_equal(np.isinf(on_device[name]), np.isinf(on_host[name]), err_msg=name)
 
 
-# ---- the host's numbers
+# ---- equal to the host's
 
 
 @pytest.fixture(scope="module")
@@ -79,8 +79,7 @@ def double_renderer(renderer):
 
 @pytest.mark.parametrize("scene", [s for s in golden.scenes() if s.plain], ids=lambda scene: scene.name)
 def test_golden_scenes_have_the_host_s(double_renderer, scene):
-    """Mutation: a facing margin of 0 under KEEP; greatest weights for sure fragments (w.high for w.low);
-    `consider_screen` left out."""
+    """Mutations: a facing margin of 0 under KEEP; w.high for w.low in the sum of sure weights; no `consider_screen`."""
     assert_the_same(*by_both(double_renderer, scene.splats, scene.camera, scene.settings))
 
 
@@ -94,8 +93,8 @@ def test_reference_scenes_have_the_host_s(double_renderer, name):
 
 @pytest.mark.parametrize(("scene", "camera", "choices"), EVERY)
 def test_scenes_have_the_host_s(double_renderer, scene, camera, choices):
-    """Mutation: the second least depth without `most_of`; `open` normals never turned; the bounds' slack without
-    kappa; the gap to the front-most splat not considered."""
+    """Mutations: the second least depth without `most_of`; no `open` normals in keep_extremes; no kappa in the slack of
+    nearby_count; no gap to the front-most splat in `decide`."""
     assert_the_same(*by_both(double_renderer, SCENES[scene](11), CAMERAS[camera], CHOICES[choices]))
 
 
@@ -133,13 +132,13 @@ def assert_bits(renderer, expected):
 
 @pytest.mark.parametrize("way", WAYS)
 def test_lanes_and_mappings(expected, way):
-    """Mutation: `lane / BLOCK_X` and `lane % BLOCK_X` exchanged in `store`."""
+    """Mutation: `lane / BLOCK_X` and `lane % BLOCK_X` exchanged in store_bounds."""
     assert_bits(Renderer(**WAYS[way]), expected)
 
 
 @pytest.mark.parametrize("x", [0.0, 1 / 32, 2 / 32])
 def test_an_exactly_edge_on_disc_is_near_in_its_bounds_alone(double_renderer, renderer_with, x):
-    """r3 is 0 / 0 everywhere. Mutation: pairs outside the bounds let in (`in_bounds` all ones)."""
+    """r3 is 0 / 0 everywhere. Mutation: `in_bounds` all ones, which lets in pairs outside the bounds."""
     camera = Camera(np.eye(4), 32.0, 32.0, 16.0, 16.0, 33, 33)
     disc = Splats(np.array([[0, 0, 1.0]]), np.array([[0, 0, 2.0**-10]]), np.array([[2.0**-10, 0, 0]]))
     camera = replace(camera, cx=camera.cx + 32 * x)
@@ -152,14 +151,14 @@ def test_an_exactly_edge_on_disc_is_near_in_its_bounds_alone(double_renderer, re
 
 @pytest.mark.parametrize("tile", [4, pytest.param(16, marks=pytest.mark.slow)])
 def test_tiles(expected, double_renderer, monkeypatch, tile):
-    """Mutation: the list of every second block in the opposite order."""
+    """Mutation: list_splats in the opposite order for every second block."""
     monkeypatch.setattr(nearby, "TILE", tile)
     assert_bits(double_renderer, expected)
 
 
 @pytest.mark.parametrize("chunk", [16, 48])
 def test_chunks_and_bands(expected, double_renderer, monkeypatch, chunk):
-    """Mutation: `first_entry` left out of region_of; of the bounds given to `tile`."""
+    """Mutations: no `first_entry` in pair_region_of; no `first_entry` in the bounds of `scratch`."""
     monkeypatch.setattr(bin_pass, "MIN_CHUNK", chunk)
     monkeypatch.setattr(bin_pass, "MAX_CHUNKS", 1000)
     monkeypatch.setattr(nearby, "MAX_LIST_ENTRIES", 500)

@@ -1,4 +1,4 @@
-"""The probe: its numbers are the kernels' own, and what it says of each splat is true."""
+"""The probe: its numbers are the kernels' own, and its verdict on each splat is true."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from splatcl.evidence.probe_report import COLUMNS, REACH
 from splatcl.frame import Frame
 
 FLAT = Camera.look_at((0, 0, 3), (0, 0, 0), width=8, height=8, near=1, far=10)
-"""Pixel (4, 4) looks at (s, -s, 0) of the plane z = 0, s half a pixel there."""
+"""Camera whose pixel (4, 4) looks at (s, -s, 0); s = HALF_PIXEL is half a pixel in the plane z = 0."""
 HALF_PIXEL = 1.5 / FLAT.fx
 
 
 def pixels(frame, num, seed=0):
-    """Return some pixels of the frame, most of them covered."""
+    """Return some pixels of the frame, most of them covered, as (x, y)."""
     rng = np.random.default_rng(seed)
     covered = np.argwhere(frame["count"] > 0)
     chosen = covered[rng.integers(len(covered), size=num)] if len(covered) else covered
@@ -38,7 +38,7 @@ def pixels(frame, num, seed=0):
 
 
 def facing_disc(center, radius, flipped=False):
-    """Return c, t_u, t_v of a disc in a plane of constant z, its normal toward +z unless flipped."""
+    """Return c, t_u, t_v of a disc in a plane of constant z; its normal is +z, or -z if flipped."""
     return center, (radius, 0, 0), (0, -radius if flipped else radius, 0)
 
 
@@ -49,7 +49,7 @@ def splats_of(*discs):
 
 
 def assert_ends_at_the_frame(frame, probe):
-    """The running sums, depth(p) and its splat are those of the frame, bit for bit."""
+    """Assert that the running sums, depth(p) and its splat equal the frame's, bit for bit."""
     x, y = probe.x, probe.y
     assert (probe.depth, probe.particleid) == (frame["Z"][y, x], frame["particleid"][y, x])
     assert (probe.weight, probe.count) == (frame["weight"][y, x], frame["count"][y, x])
@@ -69,7 +69,7 @@ def assert_ends_at_the_frame(frame, probe):
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize(("scene_name", "camera_name"), VIEWS)
 def test_the_sums_end_at_the_frame_s_bits(renderer, scene_name, camera_name, precision):
-    """Mutations that fail here: epsilon left out of the test in probe.cl, the weight of r3 alone, another order."""
+    """Mutations in probe_rows: epsilon 0 in farthest_accepted; no pre-filter in contribution_at; entries in reverse."""
     frame = renderer.render(
         scene(scene_name), CAMERAS[camera_name], RenderSettings(epsilon=EPSILON, precision=precision)
     )
@@ -88,9 +88,9 @@ def test_so_they_do_for_every_setting_and_grouping(renderer_with, settings, lane
 
 
 def test_so_they_do_for_many_chunks_of_splats(renderer):
-    """5000 splats are projected in five chunks; the rows are in splat order across them.
+    """The device projects 5000 splats in five chunks; the rows keep the splat order across the chunks.
 
-    Mutation: a chunk's places counted from 0 in probe_select fail here.
+    Mutation: `place = 0` for `place = begin` in probe_select.
     """
     rng = np.random.default_rng(0)
     center = rng.uniform(-1, 1, (5000, 3)) * (1, 1, 0.05)
@@ -104,9 +104,9 @@ def test_so_they_do_for_many_chunks_of_splats(renderer):
 
 @pytest.mark.parametrize("camera_name", ["outside", "off_center", "orthographic"])
 def test_the_rows_are_all_that_is_within_reach(renderer, camera_name):
-    """u, v and z solve c + u t_u + v t_v = z d, and no splat within reach is left out.
+    """u, v and z solve c + u t_u + v t_v = z d, and every splat within reach has a row.
 
-    Mutation: selecting by the unscaled disc (reach 1) fails here.
+    Mutation: reach 1 in probe_select.
     """
     splats, camera = scene("sphere"), CAMERAS[camera_name]
     frame = renderer.render(splats, camera, RenderSettings(epsilon=EPSILON, prefilter="none"))
@@ -130,19 +130,19 @@ def test_the_rows_are_all_that_is_within_reach(renderer, camera_name):
 
 
 def test_each_verdict_by_hand(renderer):
-    """Mutations that fail here: no wider projection for culling, or for near and far."""
+    """Mutations: `_projections` without the one for culling, or without the one for near and far."""
     s, tiny = HALF_PIXEL, 1e-4
     front, behind = (1.25 * s, -s, 0), (s * 4 / 3, -s * 4 / 3, -1)
     splats = splats_of(
         facing_disc(behind, 1.0),  # 0: one unit behind
-        facing_disc(front, s),  # 1: hit at u = -1/4
-        facing_disc((s, -s, 0), 0.5, flipped=True),  # 2: its back
+        facing_disc(front, s),  # 1: its hit is at u = -1/4
+        facing_disc((s, -s, 0), 0.5, flipped=True),  # 2: its back faces the eye
         facing_disc((1.5 * s, -s, 0), tiny),  # 3: too small to be hit, a quarter of a pixel off
-        facing_disc((2.1 * s, -s, 0), s),  # 4: r3 is 1.1 there, r2 0.55
-        facing_disc((0, 0, 2.5), 0.2),  # 5: before near
+        facing_disc((2.1 * s, -s, 0), s),  # 4: r3 is 1.1, r2 is 0.55
+        facing_disc((0, 0, 2.5), 0.2),  # 5: in front of near
         facing_disc((0, 0, -8), 9.0),  # 6: beyond far
         ((s, -s, 0.001), (0, 0, 0.01), (s + 1e-5, -s + 1e-5, -3.001)),  # 7: edge-on, its front by 3e-4 degrees
-        facing_disc((4.2 * s, -s, 0), 2.8 * s),  # 8: r3 is 1.14, r2 1.6
+        facing_disc((4.2 * s, -s, 0), 2.8 * s),  # 8: r3 is 1.14, r2 is 1.6
     )
     settings = RenderSettings(epsilon=0.01, facing="cull")
     frame = renderer.render(splats, FLAT, settings)
@@ -176,7 +176,7 @@ def frame_without_prefilter(renderer, splats, settings):
 
 @pytest.mark.parametrize("scene_name", ["layers", "sphere", "near_plane", "giant"])
 def test_the_least_margin_is_the_pixel_s(renderer, scene_name):
-    """Mutation: the margins of the rows without the other rows beside them (no depth to be behind) fail here."""
+    """Mutation: `_margins` of each row alone, without the splats in front of it."""
     splats, camera, settings = scene(scene_name), CAMERAS["outside"], RenderSettings(epsilon=EPSILON)
     frame = renderer.render(splats, camera, settings)
     margin, _ = host_margin.margin(splats, camera, settings, EPSILON)
@@ -281,7 +281,7 @@ def test_the_command_refuses_a_pixel_outside(scan, capsys, pixel):
 
 
 def test_the_documentation_shows_what_is_printed(capsys, tmp_path, monkeypatch):
-    """Both examples of docs/trust/probe.md, word for word: the file that they read has splats, nothing is estimated."""
+    """Both examples of docs/trust/probe.md are current, word for word. Their file has splats: no estimates."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "reference_images").symlink_to(ROOT / "reference_images")
     examples = re.findall(

@@ -14,7 +14,7 @@ from splatcl.frame import Frame
 
 
 class Lazy(Mapping):
-    """A mapping that counts what it computes."""
+    """A mapping that counts its computations."""
 
     def __init__(self, arrays):
         self.arrays, self.computed = arrays, []

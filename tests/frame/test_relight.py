@@ -1,4 +1,4 @@
-"""Frame.shade: a frame lit anew from its AOVs, from a render, a file or another renderer."""
+"""Frame.shade: new light for the AOVs of a render, a file or another renderer."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_shaded_frame_keeps_its_splats(frame):
 
 
 def test_attributes_of_splats_are_shaded_again(renderer, tmp_path):
-    """Phong takes the splats' own gloss, a user's shader any attribute, from a render as from a file."""
+    """Phong reads the splats' own gloss and a user's shader any attribute, from a render and from a file."""
     rng, splats = np.random.default_rng(0), random_ellipses()
     own = {"heat": rng.random(len(splats)), "shininess": rng.uniform(1, 9, len(splats)), "b": rng.random(len(splats))}
     head = "float4 shade(const Surface s, const Scene scene)"
@@ -91,7 +91,7 @@ def test_only_shading_can_be_changed(frame):
         frame.shade(RenderSettings(0.5))
     with pytest.raises(SettingsError, match="no setting colour; shading takes shader, user_shader"):
         frame.shade(colour=1)
-    # Defaults need no new render: they are what was not asked for.
+    # Fields at their defaults count as not given, so they need no new render.
     assert frame.shade(RenderSettings(shader="albedo")).settings == replace(FIRST, shader="albedo", lights=(Light(),))
 
 
@@ -109,7 +109,7 @@ def test_blended_light_cannot_be_undone(frame, settings, says):
 
 
 def test_aovs_of_another_renderer(frame):
-    """P, N and albedo suffice; what is covered is said by weight, else by alpha, else by the normals."""
+    """P, N and albedo suffice; weight tells the coverage, else alpha, else the normals."""
     own = {name: frame[name].astype(np.float64) for name in ("P", "N", "albedo")}
     alpha = frame.color * (0, 0, 0, 0.5)
     for more in ({}, {"color": alpha}, {"weight": frame["weight"]}):

@@ -1,4 +1,4 @@
-"""Compare what the device computed with the oracle, outside the pixels where a decision is nearly a tie."""
+"""Compare the device's results with the oracle's, outside the pixels where a decision is nearly a tie."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def expected(scene_name, camera_name, settings, seed=0):
 
 
 def reference(scene_name, camera_name, settings, seed=0):
-    """Return `expected`, whatever the device's precision."""
+    """Return `expected` for any precision of the device."""
     return expected(scene_name, camera_name, replace(settings, precision="single"), seed)
 
 
@@ -65,7 +65,7 @@ def trusted(margin, covered, settings, scene_name):
 
 
 def assert_visibility_agrees(got, want, settings, scene_name):
-    """Same coverage, same front-most splat, same depth."""
+    """Assert equal coverage and front-most splats, and equal depths to a tolerance, where decisions are certain."""
     depth = want.depth
     ok = trusted(depth.margin, np.isfinite(depth.depth), settings, scene_name)
     np.testing.assert_array_equal(np.isfinite(got["depth"])[ok], np.isfinite(depth.depth)[ok])
@@ -80,7 +80,7 @@ def assert_visibility_agrees(got, want, settings, scene_name):
 
 
 def assert_attributes_agree(got, want, settings, scene_name):
-    """Same fragments; the same weights, and the same averages, to a tolerance."""
+    """Assert equal fragments, and equal weights and means to a tolerance, where decisions are certain."""
     gbuffer = want.gbuffer
     margin = np.minimum(want.depth.depth_margin, gbuffer.margin)
     ok = trusted(margin, gbuffer.weight_sum > 0, settings, scene_name)
@@ -106,6 +106,6 @@ def assert_attributes_agree(got, want, settings, scene_name):
                 (getattr(gbuffer, name), gbuffer.weight_sum),
             )
         )
-        # A depth near 0 (orthographic) is a difference of scene units, which are about 1.
+        # A depth near 0 (orthographic) is a difference of coordinates of about 1.
         relative = tolerance if name == "depth_sum" else 0
         np.testing.assert_allclose(resolved, expected_, rtol=relative, atol=tolerance, err_msg=name)

@@ -1,4 +1,4 @@
-"""Frames compared bit by bit."""
+"""Compare frames bit by bit."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def arrays(frame):
 
 
 def assert_same_bits(a, b, where=np.s_[:]):
-    """The AOVs of `a`, at `where`, and those of `b`: their names in order, types, shapes and bits."""
+    """Assert that the AOVs of `a`, at `where`, equal those of `b`: names in order, types, shapes and bits."""
     assert list(a) == list(b)
     for name in a:
         one, other = a[name][where], b[name]

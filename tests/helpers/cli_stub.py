@@ -1,4 +1,4 @@
-"""A stand-in for reading and rendering, so that the command line can be tested alone."""
+"""A stand-in for the reader and the renderer, which tests the command line alone."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from splatcl import Splats
 from splatcl.cli import main
 from splatcl.frame import Frame
 
-SPLATS = Splats([[0.0, 0, 0]], [[1.0, 0, 0]], [[0.0, 1, 0]], notes=("estimated 1 normal from 8 neighbours",))
+SPLATS = Splats([[0.0, 0, 0]], [[1.0, 0, 0]], [[0.0, 1, 0]], notes=("estimated 1 normal from 8 neighbors",))
 
 
 class StubRenderer:
-    """Records what it is asked for and returns a frame whose left half is covered."""
+    """A renderer that records its calls and returns a frame with a covered left half."""
 
     calls: list
     made: dict
@@ -35,7 +35,7 @@ class StubRenderer:
 
 @pytest.fixture
 def stub(monkeypatch, tmp_path):
-    """Replace reading and rendering; work in an empty folder."""
+    """Replace the reader and the renderer; work in an empty folder."""
     StubRenderer.calls = []
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(splatcl, "Renderer", StubRenderer)
@@ -45,7 +45,7 @@ def stub(monkeypatch, tmp_path):
 
 
 def run(capsys, command):
-    """Run in this process; return status, lines of stdout, lines of stderr."""
+    """Run the command in this process; return its status, lines of stdout, lines of stderr."""
     status = main(command.split())
     captured = capsys.readouterr()
     return status, captured.out.splitlines(), captured.err.splitlines()

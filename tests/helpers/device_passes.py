@@ -1,4 +1,4 @@
-"""The passes of splatcl.render, one by one, with every intermediate read back as arrays."""
+"""The passes of splatcl.opencl, one by one, with every intermediate result as arrays."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ BOX = ("x_min", "y_min", "x_max", "y_max")
 
 @dataclass(frozen=True)
 class Runs:
-    """Records of one tile, as the raster passes stream them."""
+    """The records of one tile, in the order of its list."""
 
     records: np.ndarray
     attributes: np.ndarray
 
 
 class DevicePasses:
-    """One frame's passes on one device. Call the methods in the order of the passes."""
+    """The passes of one frame on one device. Call the methods in the order of the passes."""
 
     def __init__(self, device, splats, camera, settings, tile_size=16):
         settings = effective_settings(settings, splats.oriented)
@@ -43,7 +43,7 @@ class DevicePasses:
     def project(self):
         """Return the records and attributes of the splats that touch a pixel, in splat order.
 
-        Fields of `records` are those of ProjectedSplat, the bounds the ones of the pre-filter as well, and `id`.
+        The fields of `records` are those of ProjectedSplat and `id`. Their bounds include the pre-filter.
         """
         parts = [self.read(lists) for lists in bin_pass.all_splats(self.passes, self.splats.num_splats)]
         records, attributes = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
@@ -51,7 +51,7 @@ class DevicePasses:
         return records[drawn], attributes[drawn]
 
     def bin(self):
-        """Return `Runs` for each tile in row-major order, and the bands they were made in."""
+        """Return `Runs` for each tile in row-major order, and the (first, last) tiles of each band."""
         runs, bands = [], []
         for lists in bin_pass.bin(self.passes, self.view, self.splats):
             begin = self.device.read(lists.begin_buffer, lists.begin.shape, np.int32)
@@ -62,7 +62,7 @@ class DevicePasses:
         return runs, bands
 
     def read(self, lists):
-        """Return what the projection makes of each entry of the lists."""
+        """Return the record and attributes of each entry of the lists."""
         num, read, dtypes = int(lists.begin[-1]), self.device.read, self.passes.dtypes
         p = project(self.passes, self.view, self.splats, lists)
         projected = read(p.records, (num,), dtypes["ProjectedSplat"])
@@ -76,7 +76,7 @@ class DevicePasses:
         return records, read(p.attributes, (num,), dtypes["SplatAttributes"])
 
     def raster(self):
-        """Run everything up to the attribute pass; return its outputs by the names of the dataclasses' fields."""
+        """Run the passes up to the attribute pass; return its outputs by the names of the dataclasses' fields."""
         depth, gbuffer = frame_buffers(self.passes)
         for lists in bin_pass.bin(self.passes, self.view, self.splats):
             projected = project_and_find_depth(self.passes, self.view, self.splats, lists, depth, self.epsilon)
@@ -84,7 +84,7 @@ class DevicePasses:
         return {name: self._image(name, value) for name, value in (vars(depth) | vars(gbuffer)).items()}
 
     def shade(self, sums):
-        """Shade and resolve a G-buffer that the test wrote; `sums` has the names of the dataclasses' fields."""
+        """Shade and resolve the test's own G-buffer; `sums` has the names of the dataclasses' fields."""
         buffers = {name: self.passes.constant(array.astype(self.passes.real)) for name, array in sums.items()}
         depth = DepthBuffer(buffers.pop("depth"), None)
         gbuffer = GBuffer(**buffers, count=None)

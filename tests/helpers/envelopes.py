@@ -1,4 +1,4 @@
-"""Settings, bounds and escapes for the tests of envelopes."""
+"""Settings, bounds and counts of values outside them, for the tests of envelopes."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ EVERY = [
     for i, view in enumerate(VIEWS)
     for choices in ("default", ("culled", "first", "nearest", "linear")[i % 4])
 ]
-"""Every scene under every camera with the default settings, and with one other each."""
+"""Every scene under every camera: with the default settings, and with one of the others in turn."""
 
 
 BOUNDED = ("Z", "weight", "albedo", "N")
@@ -35,7 +35,7 @@ def bounds(splats, camera, choices, **kwargs):
 
 
 def escapes(limits, frame):
-    """Count the values of a frame that are outside the envelope, of those that have bounds; NaN is."""
+    """Count the values of each bounded AOV outside the envelope; NaN counts as outside."""
     return {
         name: int(np.count_nonzero(~((frame[name] >= limits[f"{name}.lo"]) & (frame[name] <= limits[f"{name}.hi"]))))
         for name in BOUNDED
@@ -44,7 +44,7 @@ def escapes(limits, frame):
 
 
 def rounded_otherwise(splats, view, seed):
-    """Splats whose every number a float32 renderer might have rounded otherwise on its way to eye space."""
+    """Return the splats with noise on every number, as large as a float32 renderer's rounding toward eye space."""
     rng = np.random.default_rng(seed)
     distance = np.linalg.norm(splats.center - view.position, axis=1, keepdims=True)
 

@@ -1,17 +1,17 @@
-"""Discs with clip lines against places and rays, in float64 by solving each system: what tests of features need."""
+"""Discs with clip lines against points and rays, in float64, by a linear solve each: for the tests of features."""
 
 import numpy as np
 from helpers.oracle_cases import rays
 
 
 def disc_coordinates(splats, ids, points):
-    """(N, 2) u and v of (N, 3) points in the discs `ids`, the points taken to the discs' planes."""
+    """Return the (N, 2) u and v of (N, 3) points, projected onto the planes of the discs `ids`."""
     system = np.stack([splats.tangent_u[ids], splats.tangent_v[ids], splats.normal[ids]], axis=2)
     return np.linalg.solve(system, (points - splats.center[ids])[..., None])[:, :2, 0]
 
 
 def inside(splats, ids, u, v, slack=0.0):
-    """Whether disc coordinates are in the discs `ids` and on the right side of their lines."""
+    """Return whether disc coordinates lie in the discs `ids` and on the kept side of their lines."""
     a, b, c = np.moveaxis(splats.clip[ids], -1, 0)
     lines = a * u[..., None] + b * v[..., None] + c
     return (u**2 + v**2 <= 1) & (lines >= -slack).all(axis=-1)
@@ -22,10 +22,10 @@ def kept(splats, ids, points, slack=0.0):
 
 
 def kept_places(splats, num, seed=0):
-    """Random places of what is left of each disc, about `num` of a whole one: (M, 3), and (M,) the splat of each."""
+    """Return (M, 3) random points of the kept part of each disc, `num` per whole disc, and the (M,) splat of each."""
     rng = np.random.default_rng(seed)
     radius, angle = np.sqrt(rng.random((2, len(splats), num)))
-    radius[:, ::4] = 1.0  # and of its rim
+    radius[:, ::4] = 1.0  # a quarter of them on the rim
     u, v = radius * np.cos(2 * np.pi * angle**2), radius * np.sin(2 * np.pi * angle**2)
     ids = np.repeat(np.arange(len(splats)), num)
     left = inside(splats, ids, u.ravel(), v.ravel())
@@ -34,13 +34,13 @@ def kept_places(splats, num, seed=0):
 
 
 def directions(camera):
-    """(H, W, 3) rays of the pixel centres of a perspective camera in eye space, of z 1."""
+    """Return the (H, W, 3) rays of a perspective camera's pixel centers in eye space, with z = 1."""
     s = rays(camera)
     return np.concatenate([s, np.ones((*s.shape[:2], 1))], axis=-1)
 
 
 def slabs(camera, low, high):
-    """(H, W, 3) z at which each pixel's ray enters and leaves a box's slab of each axis, the box in world space."""
+    """Return the (H, W, 3) z where each pixel's ray enters and leaves each axis' slab of a box in world space."""
     d = directions(camera) @ camera.eye_from_world[:3, :3]
     with np.errstate(divide="ignore"):
         a, b = (low - camera.position) / d, (high - camera.position) / d
@@ -48,7 +48,7 @@ def slabs(camera, low, high):
 
 
 def cast(splats, camera):
-    """(H, W) least z of front faces at pixel centres, and (24, H, W) the splats there at that z, -1 elsewhere."""
+    """Return the (H, W) least z of front faces at pixel centers, and the (N, H, W) splats at this z, -1 elsewhere."""
     rotation, shift = camera.eye_from_world[:3, :3], camera.eye_from_world[:3, 3]
     c, t_u, t_v = splats.center @ rotation.T + shift, splats.tangent_u @ rotation.T, splats.tangent_v @ rotation.T
     d = directions(camera)

@@ -1,4 +1,4 @@
-"""Settings and groupings of work that each kernel is compiled for."""
+"""The settings and groupings of work for which each kernel is compiled."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ SETTINGS = {
 
 
 def every_setting_and_grouping():
-    """All settings in the usual grouping and one in each of the others, which compile anew; the rest are slow."""
+    """Return all settings in the usual grouping, one in each other grouping, and the rest marked as slow."""
     quick = {(1, 8): "no pre-filter, culled", (4, 32): "table"}
     return [
         pytest.param(settings, *grouping, marks=[] if quick.get(grouping, settings) == settings else pytest.mark.slow)

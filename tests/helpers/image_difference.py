@@ -11,14 +11,15 @@ from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from splatcl.io.png import write_png
 
 FAINTEST = 0.3
-"""Brightness in a difference picture of the pixel that differs least; the most is 1, and equal ones are black."""
+"""Brightness of the least difference in a difference picture; the largest is 1, and equal pixels are black."""
 
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """How one AOV differs from its reference: (H, W) bool `where`, and the largest `magnitude` of a channel.
+    """The difference of one AOV from its reference: (H, W) bool `where`, and (H, W) `magnitude` over the channels.
 
-    Infinite where NaN or an infinity meets anything else; 0 where only the sign of a zero or a NaN's bits differ.
+    The magnitude is infinite where NaN or an infinity differs from anything else. It is 0 where only the sign of a zero
+    or the bits of a NaN differ.
     """
 
     where: np.ndarray
@@ -34,7 +35,7 @@ class Difference:
 
 
 def as_stored(aov):
-    """Return an AOV as an EXR stores it: uint32, or float32 (of float64 kernels too)."""
+    """Return an AOV in the type that EXR stores: uint32, or float32 (from float64 kernels too)."""
     return np.ascontiguousarray(aov, np.uint32 if np.asarray(aov).dtype.kind in "ui" else np.float32)
 
 
@@ -54,14 +55,14 @@ def difference(got, reference):
 
 
 def differences(got, reference):
-    """Return the AOVs that differ, by name; both must have the same AOVs."""
+    """Return the differences by AOV, where there are any; both must have the same AOVs."""
     assert set(got) == set(reference), f"AOVs {sorted(got)} against {sorted(reference)}"
     found = {name: difference(got[name], reference[name]) for name in reference}
     return {name: d for name, d in found.items() if d.num_pixels}
 
 
 def similarity(got, reference):
-    """Return PSNR in dB and SSIM of two (H, W, 4) linear pictures, NaN as black and highlights clipped alike."""
+    """Return PSNR in dB and SSIM of two (H, W, 4) linear pictures; NaN is black, highlights are clipped alike."""
     finite = reference[np.isfinite(reference)]
     white = float(finite.max(initial=1.0))
     got, reference = (np.clip(np.nan_to_num(np.asarray(c, np.float64)), 0.0, white) for c in (got, reference))
@@ -71,7 +72,7 @@ def similarity(got, reference):
 
 
 def picture(d):
-    """Return (H, W, 4) linear RGBA: black where equal, brighter the larger the difference."""
+    """Return a (H, W, 4) linear RGBA picture: black where equal, brighter where the difference is larger."""
     largest = d.magnitude[np.isfinite(d.magnitude)].max(initial=0.0)
     size = np.clip(np.nan_to_num(d.magnitude / (largest or 1.0), posinf=1.0), 0.0, 1.0)
     gray = np.where(d.where, FAINTEST + (1 - FAINTEST) * size, 0.0)
@@ -79,9 +80,9 @@ def picture(d):
 
 
 def report(name, got, reference, found, folder):
-    """Write what differs of a rendered Frame `got` under `folder` and return what to say about it.
+    """Write pictures of the differences of a frame `got` under `folder`; return the text that describes them.
 
-    got.exr got.png reference.png, and difference_AOV.png for each AOV of `found` (as `differences` returns it).
+    The files are got.exr, got.png, reference.png, and difference_AOV.png for each AOV of `found` (from `differences`).
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Small files of every format, made byte by byte, and colours by hand."""
+"""Small files of every format, made byte by byte, and colors by hand."""
 
 import struct
 
@@ -19,7 +19,7 @@ STL = b"binary".ljust(80) + struct.pack("<I12fH", 1, *range(12), 0)
 
 
 LINEAR = {0: 0.0, 10: 0.0030353, 128: 0.2158605, 188: 0.5028865, 255: 1.0}
-"""8-bit sRGB to linear, by hand: 10 / 255 / 12.92, ((x / 255 + 0.055) / 1.055)^2.4."""
+"""Linear values of 8-bit sRGB, by hand: x / 255 / 12.92 for 10, ((x / 255 + 0.055) / 1.055)^2.4 above."""
 
 POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0.5], [2, 0, 0.25]])
 NORMALS = np.array([[0, 0, 1], [0, 0.6, 0.8], [0.6, 0, 0.8], [0, 0, -1], [1, 0, 0]])
@@ -41,7 +41,7 @@ def put(path, data):
 
 
 def ply(form, elements, newline="\n", comments=()):
-    """Return a PLY file of (name, [(type, property)], rows); a list property's type is "list uchar int"."""
+    """Return a PLY file of elements (name, [(type, property)], rows); "list uchar int" is the type of a list."""
     codes = {
         "char": "b",
         "uchar": "B",

@@ -1,7 +1,7 @@
-"""Small scenes that the tests share: deterministic by seed, float32 numbers (exact on the device), read-only.
+"""Small scenes that the tests share: deterministic by seed, read-only, in float32, which is exact on the device.
 
-Every builder takes a seed and returns `Splats` around the world's origin, for cameras that look from `EYE`
-or from near it. `SCENES` and `CAMERAS` name them; ADVERSARIAL scenes are ill-conditioned on purpose.
+Every builder takes a seed and returns `Splats` around the world's origin, for cameras at `EYE` or near it. `SCENES` and
+`CAMERAS` name them. `ADVERSARIAL` scenes are ill-conditioned on purpose.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from splatcl import Camera, Splats
 
 EYE = np.array([0.0, 0.0, 3.0])
 SIZE = {"width": 49, "height": 37}
-"""No multiple of any tile or block; the oracle does a scene in about a tenth of a second."""
+"""Size of the images, pixels: no multiple of a tile or block. The oracle draws a scene in about a tenth of a second."""
 EPSILON = 0.03125
 
 
 def frames(normal):
-    """Return (N, 3), (N, 3) unit tangents that are perpendicular to each other and to `normal`."""
+    """Return two (N, 3) arrays of unit tangents, perpendicular to each other and to `normal`."""
     normal = np.atleast_2d(normal) / np.linalg.norm(normal, axis=-1, keepdims=True)
     away = np.where(np.abs(normal[:, :1]) < 0.9, [[1.0, 0, 0]], [[0.0, 1, 0]])
     u = np.cross(normal, away)
@@ -32,14 +32,14 @@ def log_uniform(rng, low, high, num):
 
 
 def make(rng, center, tangent_u, tangent_v):
-    """Round to float32 and colour at random."""
+    """Return splats rounded to float32, with random colors."""
     arrays = (center, tangent_u, tangent_v, rng.uniform(0, 1, (len(center), 3)))
     center, tangent_u, tangent_v, color = (array.astype(np.float32) for array in arrays)
     return Splats(center, tangent_u, tangent_v, color=color)
 
 
 def random_ellipses(seed=0, num=200):
-    """Ellipses of every size, aspect and pose in the box [-1.2, 1.2]^2 x [-1, 1]."""
+    """Return ellipses of every size, aspect and pose in the box [-1.2, 1.2]^2 x [-1, 1]."""
     rng = np.random.default_rng(seed)
     u, v = frames(rng.normal(size=(num, 3)))
     radius = log_uniform(rng, 0.01, 0.6, num)
@@ -48,7 +48,7 @@ def random_ellipses(seed=0, num=200):
 
 
 def thin(seed=0, num=200):
-    """Needles: axes whose lengths differ by 30 to 10 000 times."""
+    """Return needles: their axes differ in length by 30 to 10 000 times."""
     rng = np.random.default_rng(seed)
     u, v = frames(rng.normal(size=(num, 3)))
     radius = log_uniform(rng, 0.1, 1, num)
@@ -56,7 +56,7 @@ def thin(seed=0, num=200):
 
 
 def edge_on(seed=0, num=200, parallel=False):
-    """Discs tilted 1e-7 to 0.1 out of the line of sight from EYE (`parallel`: out of the z direction)."""
+    """Return discs tilted 1e-7 to 0.1 out of the line of sight from EYE (`parallel`: out of the z direction)."""
     rng = np.random.default_rng(seed)
     center = rng.uniform(-1, 1, (num, 3))
     sight = np.tile([[0.0, 0, -1]], (num, 1)) if parallel else center - EYE
@@ -70,7 +70,7 @@ def edge_on(seed=0, num=200, parallel=False):
 
 
 def near_plane(seed=0, num=200):
-    """Discs about the eye: they straddle the near plane and the eye plane, or are behind, some by their centre."""
+    """Return discs about the eye: they straddle the near plane and the eye plane, or lie behind it."""
     rng = np.random.default_rng(seed)
     u, v = frames(rng.normal(size=(num, 3)))
     u, v = (t * log_uniform(rng, 0.01, 2, num) for t in (u, v))
@@ -78,7 +78,7 @@ def near_plane(seed=0, num=200):
 
 
 def giant(seed=0, num=60):
-    """Discs up to a thousand times as large as the view, many through the eye plane."""
+    """Return discs up to a thousand times as large as the view, many through the eye plane."""
     rng = np.random.default_rng(seed)
     u, v = frames(rng.normal(size=(num, 3)))
     u, v = (t * log_uniform(rng, 1, 1000, num) for t in (u, v))
@@ -86,7 +86,7 @@ def giant(seed=0, num=60):
 
 
 def sub_pixel(seed=0, num=500):
-    """Discs of 1e-7 to 0.2 pixels in diameter: only the pre-filter keeps them."""
+    """Return discs of 1e-7 to 0.2 pixels in diameter: only the pre-filter keeps them."""
     rng = np.random.default_rng(seed)
     u, v = frames(rng.normal(size=(num, 3)))
     u, v = (t * log_uniform(rng, 1e-7, 5e-3, num) for t in (u, v))
@@ -94,7 +94,7 @@ def sub_pixel(seed=0, num=500):
 
 
 def layers(seed=0, num=150):
-    """Nearly facing discs on top of each other, their depths spread over a few EPSILON."""
+    """Return nearly facing discs on top of each other, with depths over a few EPSILON."""
     rng = np.random.default_rng(seed)
     u, v = frames(np.array([[0.0, 0, 1]]) + rng.normal(size=(num, 3)) * 0.1)
     center = rng.normal(size=(num, 3)) * [0.4, 0.4, EPSILON]
@@ -103,7 +103,7 @@ def layers(seed=0, num=150):
 
 
 def sphere(seed=0, num=400):
-    """A closed unit sphere of overlapping discs on a Fibonacci lattice, normals outward."""
+    """Return a closed unit sphere of overlapping discs on a Fibonacci lattice, with outward normals."""
     rng = np.random.default_rng(seed)
     i = np.arange(num) + 0.5
     latitude, longitude = np.arccos(1 - 2 * i / num), np.pi * (1 + 5**0.5) * i
@@ -115,12 +115,12 @@ def sphere(seed=0, num=400):
 
 
 def edge_on_parallel(seed=0):
-    """Discs that are nearly edge-on to an orthographic camera along z."""
+    """Return discs that are nearly edge-on to an orthographic camera along z."""
     return edge_on(seed, parallel=True)
 
 
 def joined(*parts):
-    """Return the discs and colours of several splats, one after the other."""
+    """Return the concatenated discs and colors of several splats."""
     fields = ("center", "tangent_u", "tangent_v", "color")
     return Splats(*(np.concatenate([getattr(part, name) for part in parts]) for name in fields))
 
@@ -164,11 +164,11 @@ CAMERAS = {
 }
 
 VIEWS = [(s, c) for s in SCENES for c in CAMERAS if (s, c) not in {("near_plane", "clipped"), ("near_plane", "inside")}]
-"""Every scene under every camera; the two left out see nothing."""
+"""Every scene under every camera, without two views that see nothing."""
 
 
 def any_camera(rng, projection):
-    """Return a camera of any scale, range of depths and principal point, at the world's origin or far from it."""
+    """Return a camera with any scale, depth range and principal point, at the world's origin or far from it."""
     scale, focal = 10.0 ** rng.integers(-5, 7), 100 * 10.0 ** rng.uniform(-1, 1)
     near, far = scale * min(10.0 ** rng.uniform(-6, 1), 2.0), scale * rng.choice([3.0, np.inf])
     if projection == "orthographic":

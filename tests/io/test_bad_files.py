@@ -1,4 +1,4 @@
-"""Bad files are one clear line: it begins with the path, names the place, and never is another library's error."""
+"""Bad files give one clear line: it begins with the path, names the place, and is never another library's error."""
 
 import struct
 import sys

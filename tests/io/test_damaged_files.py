@@ -1,4 +1,4 @@
-"""Damaged files: whatever bytes change, there are splats or one clear line, and soon."""
+"""Damaged files: any change of bytes gives splats or one clear line, and soon."""
 
 import struct
 import time
@@ -46,7 +46,7 @@ def test_damaged_chunk_table_of_a_laz_is_refused(tmp_path):
 
 @pytest.fixture(scope="module")
 def small_files(tmp_path_factory):
-    """Return (folder, {name: bytes}) of one small good file of each kind."""
+    """Return (folder, {name: bytes}) of one small valid file of each kind."""
     from pypcd4 import Encoding, PointCloud
 
     folder = tmp_path_factory.mktemp("fuzz")

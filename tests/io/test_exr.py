@@ -1,4 +1,4 @@
-"""The OpenEXR file: every channel, the camera's attributes, the JSON string, determinism, damage."""
+"""OpenEXR files: channels, camera attributes, the JSON string, determinism, damage."""
 
 from __future__ import annotations
 
@@ -256,7 +256,7 @@ def test_the_order_of_metadata_does_not_change_the_bytes(tmp_path):
 
 
 def test_a_forked_process_writes_after_its_parent_did(tmp_path):
-    """Mutation: OpenEXR's threads are left as they are at a fork; the child then hangs."""
+    """Mutation: no os.register_at_fork in splatcl/io/exr.py; the child then hangs."""
     frame = make_frame(make_aovs(64, 64))
     frame.save(tmp_path / "parent.exr")
     assert OpenEXR.global_thread_count() > 0

@@ -1,4 +1,4 @@
-"""splatcl's own files lose nothing."""
+"""splatcl's own files keep every bit."""
 
 import os
 import stat

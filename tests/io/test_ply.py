@@ -1,4 +1,4 @@
-"""PLY in its variants: points, meshes, strips, Gaussians."""
+"""PLY files: points, meshes, strips, Gaussians."""
 
 import numpy as np
 import pytest
@@ -107,7 +107,7 @@ def test_ply_triangle_strips(tmp_path, form):
     strips = ("tristrips", [("list int int", "vertex_indices")], [[[0, 1, 2, 3, -1, 1, 4, 3]]])
     splats = splatcl.read(put(tmp_path / "a.ply", ply(form, [("vertex", xyz(), rows(POINTS)), strips])))
     assert any(note.startswith("covered 3 triangles") for note in splats.notes)
-    assert (splats.normal[:, 2] > 0).all()  # every other triangle of a strip is turned
+    assert (splats.normal[:, 2] > 0).all()  # the reader turns every other triangle of a strip
 
 
 def test_ply_range_grid_is_points(tmp_path):

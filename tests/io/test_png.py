@@ -1,4 +1,4 @@
-"""The sRGB PNG: curve, exposure, clamp, determinism, failures that leave nothing."""
+"""sRGB PNG files: curve, exposure, clamp, determinism, failures that leave no file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading as a whole: which reader, what is in a file, which way is up, real files."""
+"""Reading as a whole: choice of the reader, summary of a file, up axis, real files."""
 
 import os
 import subprocess
@@ -35,7 +35,7 @@ def test_inspect_counts_and_names_what_would_be_skipped(tmp_path):
         (1, "points with a non-finite coordinate"),
         (1, "points with a zero or non-finite normal"),
     )
-    np.testing.assert_allclose(summary.spacing, (1 + np.sqrt(1.25)) / 2)  # of 1, 1, 1.118, 1.436
+    np.testing.assert_allclose(summary.spacing, (1 + np.sqrt(1.25)) / 2)  # the median of 1, 1, 1.118, 1.436
 
 
 def test_inspect_mesh_and_native(tmp_path):
@@ -51,7 +51,7 @@ def test_inspect_mesh_and_native(tmp_path):
 @pytest.mark.parametrize(
     ("name", "data", "axis"),
     [
-        ("a.LAZ", None, "z"),  # there is no such file
+        ("a.LAZ", None, "z"),  # no such file exists
         ("a.las", b"LASF", "z"),
         ("a", b"LASF", "z"),
         ("a.ptx", b"1", "z"),

@@ -1,4 +1,4 @@
-"""PCD, LAS and LAZ."""
+"""PCD, LAS and LAZ files."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def test_pcd(tmp_path, encoding):
         splats = splatcl.read(tmp_path / "a.pcd")
         np.testing.assert_array_equal(splats.center, POINTS)
         np.testing.assert_allclose(splats.normal, NORMALS, atol=1e-6)
-        if not (encoding == "ascii" and last.dtype == np.float32):  # text loses bits of a colour in a float
+        if not (encoding == "ascii" and last.dtype == np.float32):  # text loses bits of a color in a float
             close(splats.color, linear(BYTES))
         assert "ignored curvature" in splats.notes
 

@@ -1,4 +1,4 @@
-"""Points in text, and the scans of PTX."""
+"""Points in text files, and scans in PTX files."""
 
 import numpy as np
 import pytest
@@ -61,7 +61,7 @@ def test_ptx_scans_are_placed_by_their_matrices(tmp_path):
         scans += f"1\n4\n{pose}0 1 0 0\n-1 0 0 0\n0 0 1 0\n{move} 0 0 1\n0 0 0 0.5 0 0 0\n"
         scans += "1 0 0 0.5 255 0 10\n0 2 0 0.5 0 0 0\n0 0 3 0.5 128 128 128\n"
     splats = splatcl.read(put(tmp_path / "a.ptx", scans))
-    first = [[10, 1, 0], [8, 0, 0], [10, 0, 3]]  # a quarter turn about z, then the move; rows times matrix
+    first = [[10, 1, 0], [8, 0, 0], [10, 0, 3]]  # row vectors times the matrix: a quarter turn about z, then the shift
     np.testing.assert_array_equal(splats.center, [*first, *np.add(first, (10, 0, 0))])
     close(splats.color[:3], linear([[255, 0, 10], [0, 0, 0], [128, 128, 128]]))
     assert "dropped 2 missing returns (points at 0 0 0)" in splats.notes

@@ -30,7 +30,7 @@ from splatcl.oracle.project import project
 
 
 def rim_extremes(view, center, t_u, t_v, num=512):
-    """(x_min, y_min, x_max, y_max) of a disc's projection: samples of the rim, each extreme polished."""
+    """Return (x_min, y_min, x_max, y_max) of a disc's projection, polished from samples of the rim."""
     angle = np.arange(num) * 2 * np.pi / num
 
     def raster(a):
@@ -69,13 +69,13 @@ def test_bounds_are_the_rims_extremes(projection, seed):
         assert_array_equal(bounds, [-np.inf, -np.inf, np.inf, np.inf])
 
 
-def test_bounds_include_the_prefilter_and_exclude_what_cannot_be_seen():
+def test_bounds_include_the_prefilter_and_exclude_invisible_splats():
     rows = [
-        facing_disc(2.0, 1 / 64),  # a quarter of a pixel: 16.5 +- 1 by its pre-filter
+        facing_disc(2.0, 1 / 64),  # a quarter of a pixel in radius: 16.5 +- 1 by its pre-filter
         ((0, 0, 2), (0, 1 / 64, 0), (0.25, 0, 0)),  # 16.5 +- 4 by 16.5 +- 1
         facing_disc(-2.0, 1.0),
         facing_disc(9.0, 1.0),
-        ((0, 0, 2), (0, 1, 0), (0, 0, 1)),  # edge-on: the pre-filter only
+        ((0, 0, 2), (0, 1, 0), (0, 0, 1)),  # edge-on: the pre-filter alone
     ]
     projected = project(discs(*rows), camera(far=8.0), RenderSettings())
     assert_allclose(projected.bounds[0], [15.5, 15.5, 17.5, 17.5])
@@ -116,8 +116,8 @@ def test_bounds_and_tiles_contain_every_fragment(projection, settings_):
     assert all((np.diff(tile) > 0).all() for tile in tiles)
 
 
-def test_a_tile_is_reached_at_its_pixel_centres():
-    """Pixel centres of 16-pixel tiles lie in [0.5, 15.5] and [16.5, 31.5], of the last one in [32.5, 32.5]."""
+def test_a_tile_is_reached_at_its_pixel_centers():
+    """The pixel centers of the 16-pixel tiles lie in [0.5, 15.5], [16.5, 31.5] and, in the last tile, at 32.5."""
     cases = [
         ((-1, 0.25), []), ((-1, 0.5), [0]), ((14.5, 15.5), [0]), ((15.5, 16.5), [0, 1]), ((15.75, 16.25), []),
         ((15.75, 16.5), [1]), ((31.5, 32.25), [1]), ((31.75, 32.25), []), ((32.25, 32.5), [2]),

@@ -34,8 +34,10 @@ from splatcl.oracle.visibility import visibility
 
 
 def with_noise(rng, splats, view):
-    """Splats of a camera at the origin, moved by float32's errors times NOISE_UNITS: their projected centres by
-    OFFSET_ERROR, z and the tangents in proportion."""
+    """Return splats moved by float32's errors times NOISE_UNITS, for a camera at the origin.
+
+    The projected centers move by up to OFFSET_ERROR; z and the tangents move in proportion to their size.
+    """
     noise = NOISE_UNITS * UNIT
     z = splats.center[:, 2:]
     pixel = np.hstack([z / view.fx, z / view.fy]) if view.projection == "perspective" else 1 / view.fx
@@ -52,7 +54,7 @@ def with_noise(rng, splats, view):
 
 @pytest.mark.parametrize(("pixels", "shift"), [(9.6, 0.0), (2.0**-20, 2.0**-21)])
 def test_margin_of_a_facing_disc(pixels, shift):
-    """A = 1 / radius, G = 0, kappa = 1: |1 - r| over (|dx| + |dy| + 4) / radius + 2, in 2^-24."""
+    """The margin is |1 - r| over (|dx| + |dy| + 4) / radius + 2, in 2^-24: A = 1 / radius, G = 0, kappa = 1."""
     view = camera(33, cx=16.5 - shift)
     margin = render(discs(facing_disc(2.0, pixels / 16)), view)["margin"]
     dx, dy = np.abs(np.moveaxis(rays(view), -1, 0)) * 32
@@ -62,8 +64,8 @@ def test_margin_of_a_facing_disc(pixels, shift):
 
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
-def test_margin_of_a_tilted_ellipse_is_the_one_defined(projection):
-    """The linear forms A, B, G are found by differencing linear solves; kappa is worked out by hand."""
+def test_margin_of_a_tilted_ellipse_is_the_defined_one(projection):
+    """Differences of linear solves give the linear forms A, B, G; kappa is computed by hand."""
     radii, cosine, sine = (0.9, 0.3), 0.6, 0.8
     center, t_u, t_v = (
         np.array([0, 0, 2.0]),
@@ -108,7 +110,7 @@ def test_margin_of_a_prefilter_and_of_its_disc_together():
 
 
 def test_margin_of_a_prefilter_about_the_bounds():
-    """The bounds' centre errs by its offset from the projected centre times (z^2 + t_z^2) / (z^2 - t_z^2)."""
+    """The error of the bounds' center is its offset from the projected center times (z^2 + t_z^2) / (z^2 - t_z^2)."""
     cosine, sine = 0.5, math.sqrt(3) / 2
     row = (0, 0, 2), (0, 0.1, 0), (cosine, 0, sine)
     offset = sum(32 * u * cosine / (2 + u * sine) for u in (-1, 1)) / 2
@@ -133,7 +135,7 @@ def test_margin_of_depth_decisions(projection):
     assert_allclose(depth.margin, identity_margin, rtol=1e-3)
     assert (depth.depth_margin > 1e6).all()
     alone = render(layers.take([0]), view, epsilon=0.0)
-    assert (alone["margin"] > 1e6).all()  # the front splat's own depth test is no decision
+    assert (alone["margin"] > 1e6).all()  # the depth test of the front splat is no decision
 
 
 @pytest.mark.parametrize("plane", [{"near": 2 - 1e-6}, {"near": 2 + 1e-6}, {"far": 2 - 1e-6}, {"far": 2 + 1e-6}])
@@ -149,7 +151,7 @@ def test_margin_of_near_and_far_only_where_the_splat_is(plane, prefilter):
 @pytest.mark.parametrize("facing", ["keep", "flip", "cull"])
 @pytest.mark.parametrize("side", [-1, 1])
 def test_margin_of_facing_only_where_the_splat_is(facing, side):
-    """A disc 2^-10 from edge-on: as near to turning as to 2^-16, on its line of pixels only."""
+    """A disc 2^-10 from edge-on nearly turns, and nearly counts as edge-on, on its line of pixels only."""
     angle = side * 2.0**-10
     row = (0, 0, 2), (0, 0.25, 0), (0.25 * math.sin(angle), 0, 0.25 * math.cos(angle))
     image = render(discs(row), camera(33), facing=facing, prefilter="min", prefilter_radius=1.5)
@@ -176,7 +178,7 @@ def test_margin_of_facing_only_where_the_splat_is(facing, side):
     ],
 )
 def test_margin_predicts_flips(projection, choices):
-    """Noise of float32's kind, magnified, flips only decisions whose margin is of the noise's size."""
+    """Magnified float32 noise flips only decisions with a margin of the noise's size."""
     chosen = RenderSettings(epsilon=0.2, **choices)
     view = camera(32, 32.0 if projection == "perspective" else 10.0, near=0.4, far=3.5, projection=projection)
     near, ever_flipped = [], []
@@ -193,7 +195,7 @@ def test_margin_predicts_flips(projection, choices):
             flipped = (image["count"] != other["count"]) | (image["particleid"] != other["particleid"])
             ever_flipped[-1] |= flipped
             assert (image["margin"][flipped] < NOISE_MARGIN * NOISE_UNITS).all(), seed
-            # A splat that turns around must have warned the pixels that it touches.
+            # The margin is small at every pixel that a turned splat touches.
             before, after = (project(s, view, chosen) for s in (splats, noisy))
             turned = (before.culled != after.culled) | ((before.normal_eye * after.normal_eye).sum(axis=1) < 0)
             for k in np.flatnonzero(turned):
@@ -201,11 +203,11 @@ def test_margin_predicts_flips(projection, choices):
                 assert (image["margin"][alone["count"] > 0] < NOISE_MARGIN * NOISE_UNITS).all()
     near, ever_flipped = np.array(near), np.array(ever_flipped)
     assert np.count_nonzero(ever_flipped) >= 5
-    assert np.count_nonzero(ever_flipped) > 0.05 * np.count_nonzero(near)  # it does not cry wolf
+    assert np.count_nonzero(ever_flipped) > 0.05 * np.count_nonzero(near)  # small margins are not too common
 
 
 def float32_disc(s, f, center, t_u, t_v):
-    """den - |(u, v)| den and z of the ray s, in float32 relative to the projected centre."""
+    """Return den - |(u, v)| den and z of the ray s, in float32 relative to the projected center."""
     c, t_u, t_v, f = (np.float32(value) for value in (center, t_u, t_v, f))
     a, b, g = np.cross(t_v, c), np.cross(c, t_u), np.cross(t_u, t_v)
     scale = f * (g @ c) / c[2]
@@ -216,7 +218,7 @@ def float32_disc(s, f, center, t_u, t_v):
 
 @pytest.mark.parametrize("aspect", [1.0, 5.0, 100.0])
 def test_margin_is_in_units_of_float32_error(aspect):
-    """At a rim pixel and at a near plane: float32's error is at most MARGIN_TYPICAL, and not far below."""
+    """Float32's error at a rim pixel and at a near plane is at most MARGIN_TYPICAL units, and not far below."""
     rng = np.random.default_rng(1)
     f, errors_r, errors_z = 500.0, [], []
     while len(errors_r) < 200:
@@ -242,7 +244,7 @@ def test_margin_is_in_units_of_float32_error(aspect):
 
 
 def test_margin_is_large_almost_everywhere():
-    """On a sphere of overlapping splats, less than one pixel in twenty is within a thousand roundings."""
+    """Fewer than one pixel in twenty have a margin below a thousand roundings, on a sphere of overlapping splats."""
     rng = np.random.default_rng(0)
     normal = rng.normal(size=(600, 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)

@@ -62,7 +62,7 @@ def test_auto_epsilon_is_the_median_radius():
 
 
 def test_fragments_blend_by_weight():
-    """Two discs of radii 1 and 2 about the axis, 0.1 apart, the second tilted by its normal field only."""
+    """Two discs of radii 1 and 2 lie about the axis, 0.1 apart; the second is tilted."""
     tilted = (0, 0, 2.1), (0, 2, 0), (2 * 0.6, 0, 2 * 0.8)
     splats = discs(facing_disc(2.0, 1.0), tilted, color=np.array([[1.0, 0, 0], [0, 0.5, 1.0]]))
     view = camera(33, 64.0)
@@ -112,7 +112,7 @@ def test_nothing_at_all():
 
 
 def test_phong_closed_forms():
-    """A facing wall: at the middle, N = V = (0, 0, -1) and z = 2."""
+    """In the middle of a facing wall, N = V = (0, 0, -1) and z = 2."""
     splats = discs(facing_disc(2.0, 3.0), color=np.array([[0.5, 0.25, 1.0]]))
     albedo = np.array([0.5, 0.25, 1.0])
     material = Material(ambient=0.1, diffuse=0.7, specular=0.4, shininess=3.0)
@@ -129,14 +129,14 @@ def test_phong_closed_forms():
         image = render(splats, camera(9), lights=(light,), material=material)
         expected = albedo * (0.1 + 0.7 * n_l) + 0.4 * r_v**3
         assert_allclose(image["color"][4, 4], [*expected, 1.0], rtol=ORACLE_RELATIVE)
-    coloured = tuple(dataclasses.replace(light, color=(1.0, 2.0, 0.5)) for light, *_ in cases[:2])
-    image = render(splats, camera(9), lights=coloured, material=material)
+    colored = tuple(dataclasses.replace(light, color=(1.0, 2.0, 0.5)) for light, *_ in cases[:2])
+    image = render(splats, camera(9), lights=colored, material=material)
     expected = albedo * (0.1 + 0.7 * (1 + half) * np.array([1, 2, 0.5])) + 0.4 * (1 + half**3) * np.array([1, 2, 0.5])
     assert_allclose(image["color"][4, 4, :3], expected, rtol=ORACLE_RELATIVE)
 
 
 def test_a_light_behind_the_surface_leaves_the_ambient_part():
-    """N = (0.8, 0, -0.6); the light's mirror image looks at the eye, but N.L < 0."""
+    """N is (0.8, 0, -0.6). The mirrored light points at the eye, but N.L < 0."""
     light = Light("directional", (0.52, 0, 0.86))
     image = render(discs(((0, 0, 2), (0, 1, 0), (0.6, 0, 0.8))), camera(9), lights=(light,))
     assert_allclose(image["color"][4, 4, :3], np.float32(0.6) * 0.1, rtol=ORACLE_RELATIVE)
@@ -144,12 +144,12 @@ def test_a_light_behind_the_surface_leaves_the_ambient_part():
 
 @pytest.mark.parametrize("projection", PROJECTIONS)
 def test_headlight_and_specular_follow_the_eye(projection):
-    """Off the axis a perspective eye sees the wall at cos = 1 / |d|; an orthographic one always straight."""
+    """A perspective eye sees the wall at cos = 1 / |d| off the axis; an orthographic eye sees it straight on."""
     view = camera(9, 4.0, projection=projection)
     material = Material(ambient=0.0, diffuse=1.0, specular=1.0, shininess=5.0)
     image = render(discs(facing_disc(2.0, 9.0)), view, material=material)
     length = np.sqrt(1 + (rays(view) ** 2).sum(axis=-1)) if projection == "perspective" else np.ones((9, 9))
-    r_v = 2 / length**2 - 1  # the mirror of V about N, against V
+    r_v = 2 / length**2 - 1  # R.V of a headlight: V mirrored about N, times V
     expected = np.float32(0.6) / length + np.maximum(r_v, 0) ** 5
     assert_allclose(image["color"][..., 0], expected, rtol=1e-10)
 
@@ -158,7 +158,7 @@ def test_lights_are_in_world_space():
     pose = np.eye(4)
     pose[:3, :3] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # the eye looks along world y, world z is up
     pose[:3, 3] = 0, 0, 2
-    splats = discs(((0, 0, 0), (1, 0, 0), (0, 0, 1)))  # normal -y: toward the eye at (0, -2, 0)
+    splats = discs(((0, 0, 0), (1, 0, 0), (0, 0, 1)))  # the normal -y points toward the eye at (0, -2, 0)
     material = Material(0.0, 1.0, 0.0, 1.0)
     for light in (Light("directional", (0, -1, 1)), Light("point", (0, -3, 3)), Light("point", (3, -3, 0))):
         image = render(splats, camera(9, pose=pose), lights=(light,), material=material)

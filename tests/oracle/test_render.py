@@ -1,4 +1,4 @@
-"""The oracle's fragments against closed forms and against a linear solver that shares nothing with it."""
+"""The oracle's fragments against closed forms and against a linear solver that shares no code with it."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_any_disc_agrees_with_a_linear_solve(projection, seed):
 
 @pytest.mark.parametrize("z", [0.5, 0.0, -0.5])
 def test_ground_disc_through_the_eye_plane_shows_its_visible_part(z):
-    """A disc of radius 2 in the plane y = 1, of which the part in front of the near plane must appear."""
+    """A disc of radius 2 in the plane y = 1 shows its part in front of the near plane."""
     view = camera(64, 32.0, near=0.75, far=1.5)
     image = render(discs(((0, 1, z), (0, 0, 2), (2, 0, 0))), view)
     s = rays(view)
@@ -139,7 +139,7 @@ def test_principal_point_moves_the_image():
 @pytest.mark.parametrize("angle", [0.0, 2.0**-16 * 0.99, 2.0**-16 * 1.01, 0.01])
 @pytest.mark.parametrize("sign", [-1, 1])
 def test_edge_on_disc_is_left_to_the_prefilter(projection, angle, sign):
-    """The middle pixel's ray passes through the centre: it hits unless the disc counts as edge-on."""
+    """The middle pixel's ray passes through the center, so it hits unless the disc counts as edge-on."""
     row = (0, 0, 2), (0, 1, 0), (math.sin(sign * angle), 0, math.cos(angle))
     view = camera(9, 4.0, projection=projection)
     edge_on = angle < 2.0**-16
@@ -159,7 +159,7 @@ def test_edge_on_disc_is_left_to_the_prefilter(projection, angle, sign):
 
 @pytest.mark.parametrize("cutoff", [0.0, 1.0, 2.0, 3.5])
 def test_weight_falls_from_one_to_the_rim(cutoff):
-    """Radius 4 pixels about a pixel centre: r = 0, 1/4 ... 1 along the row, the rim included."""
+    """A radius of 4 pixels about a pixel center gives r = 0, 1/4 ... 1 along the row, the rim included."""
     image = render(discs(facing_disc(2.0, 0.25)), camera(), cutoff=cutoff)
     expected = [math.exp(-((cutoff * k / 4) ** 2) / 2) for k in range(5)]
     assert image["weight"][16, 16] == 1.0
@@ -175,7 +175,7 @@ def test_weight_falls_from_one_to_the_rim(cutoff):
     ("kernel", "expected"),
     [
         ({"kernel": "constant"}, [1, 1, 1, 1, 1, 0]),
-        # r = 0, 1/4, 1/2, 3/4, 1 over three samples: positions 0, 1/2, 1, 3/2, 2
+        # r = 0, 1/4, 1/2, 3/4, 1 is at 0, 1/2, 1, 3/2, 2 of the three samples
         ({"kernel": "table", "kernel_table": (8, 4, 1)}, [8, 4, 4, 1, 1, 0]),
         ({"kernel": "table", "kernel_table": (8, 4, 1), "kernel_lookup": "linear"}, [8, 6, 4, 2.5, 1, 0]),
     ],
@@ -199,7 +199,7 @@ def test_zero_weight_is_counted_but_not_covered():
 
 @pytest.mark.parametrize(("radius", "num", "squares"), [(1.0, 4, (0.5,)), (2.0, 12, (0.5, 2.5))])
 def test_sub_pixel_splat_lives_by_its_prefilter(radius, num, squares):
-    """A tiny splat projected onto a corner of pixels: their centres are sqrt(1/2), sqrt(5/2) ... away."""
+    """A tiny splat projects onto a corner of pixels, with centers sqrt(1/2), sqrt(5/2) ... away."""
     view = camera(32)
     tiny = discs(facing_disc(2.0, 1e-4))
     assert not render(tiny, view)["count"].any()
@@ -218,7 +218,7 @@ def test_sub_pixel_splat_lives_by_its_prefilter(radius, num, squares):
 
 
 def test_prefilter_takes_the_nearer_of_both_distances():
-    """A slit 8 pixels long and 1/4 wide: r = min(|dx| / 4, |(dx, dy)|) on its row, |(dx, dy)| off it."""
+    """A slit 8 pixels long and 1/2 wide has r = min(|dx| / 4, |(dx, dy)|) on its row, |(dx, dy)| off it."""
     image = render(discs(((0, 0, 2), (0, 1 / 64, 0), (0.25, 0, 0))), camera(), prefilter="min")
     assert_allclose(image["weight"][16, 16:22], [math.exp(-(k**2) / 8) for k in range(5)] + [0])
     assert_allclose(image["weight"][17, 16:19], [math.exp(-2), 0, 0])
@@ -226,8 +226,8 @@ def test_prefilter_takes_the_nearer_of_both_distances():
     assert image["weight"][17, 16] == pytest.approx(math.exp(-2))
 
 
-def test_prefilter_fragment_lies_at_its_centre_and_obeys_the_depth_test():
-    """A tiny splat 0.1 behind or before a wall: visible within epsilon, and never in the depth buffer."""
+def test_prefilter_fragment_lies_at_its_center_and_obeys_the_depth_test():
+    """A tiny splat 0.1 behind or in front of a wall is visible within epsilon, and never in the depth buffer."""
     view = camera(32)
     for z, epsilon, count in [(2.1, 0.2, 2), (2.1, 0.05, 1), (1.9, 0.0, 2)]:
         splats = discs(facing_disc(2.0, 3.0), facing_disc(z, 1e-4))
@@ -240,14 +240,14 @@ def test_prefilter_fragment_lies_at_its_centre_and_obeys_the_depth_test():
         assert image["depth.mean"][16, 16] == pytest.approx(mean, rel=1e-10)
 
 
-def test_prefilter_needs_a_centre_in_range():
+def test_prefilter_needs_a_center_in_range():
     for z, visible in [(0.9, False), (1.0, True), (3.0, True), (3.1, False), (-1.0, False)]:
         image = render(discs(facing_disc(z, 1e-4)), camera(32, near=1.0, far=3.0), prefilter="min")
         assert image["count"].any() == visible
 
 
 def test_prefilter_about_the_projected_bounds():
-    """A disc turned by 60 degrees about y: its left and right edges project to u = -1 and 1."""
+    """A disc is turned by 60 degrees about y; its left and right edges are at u = -1 and 1."""
     cosine, sine, radius, f = 0.5, math.sqrt(3) / 2, 1.0, 32.0
     row = (0, 0, 2), (0, radius, 0), (radius * cosine, 0, radius * sine)
     edges = [f * u * cosine / (2 + u * sine) + 16.5 for u in (-1, 1)]
@@ -257,7 +257,7 @@ def test_prefilter_about_the_projected_bounds():
         assert_allclose(projected.prefilter_center, [[x, 16.5]], rtol=ORACLE_RELATIVE)
         assert_allclose(projected.center_raster, [[16.5, 16.5]], rtol=ORACLE_RELATIVE)
         assert_allclose(projected.bounds[0, [0, 2]], edges, rtol=ORACLE_RELATIVE)
-    # The same disc shrunk below a pixel keeps the two centres apart only by its perspective; large, it shows.
+    # The two centers differ by the perspective of the disc alone, so a large disc shows the difference.
     image = oracle.render(discs(row), camera(), RenderSettings(prefilter_center="bounds", prefilter_radius=6.0))
     pixel = 16.5 + rays(camera())[16, :, 0] * f
     r2 = (pixel - sum(edges) / 2) ** 2 / 36
@@ -298,7 +298,7 @@ def test_facing(projection):
 
 
 def test_facing_is_decided_at_the_splat_by_its_plane():
-    """At x = z the line of sight is (1, 0, 1): a normal (-1, 0, 0.5) faces the eye though its z points away."""
+    """The line of sight is (1, 0, 1) at x = z. The normal (1, 0, -0.5) faces away there, though its z does not."""
     row = (2, 0, 2), (0, 1, 0), (0.5, 0, 1)
     view = camera(33, 8.0)
     normal = np.cross(row[1], row[2])
@@ -311,7 +311,7 @@ def test_facing_is_decided_at_the_splat_by_its_plane():
 
 
 def test_a_plane_through_the_eye_faces_away():
-    """n.c = 0: only the pre-filter can show it, and culling takes that too."""
+    """n.c is 0: only the pre-filter shows the splat, and culling drops it too."""
     row = (0, 0, 2), (0, 1, 0), (0, 0, 1)
     view = camera(9)
     assert render(discs(row), view, prefilter="min")["count"].any()

@@ -1,4 +1,4 @@
-"""The attribute pass: which fragments are accumulated, with which weight, against the oracle."""
+"""The attribute pass against the oracle: the accumulated fragments and their weights."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_every_kernel_with_every_prefilter(device, kernel, prefilter, precision)
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("scene_name", ["near_plane", "giant", "thin", "sub_pixel", "layers"])
 def test_the_prefilter_about_the_bounds(device, scene_name, precision):
-    """Discs through the eye plane have no bounds to be centred in, and so no pre-filter."""
+    """Discs through the eye plane have no finite bounds, so they have no pre-filter."""
     settings = RenderSettings(epsilon=EPSILON, precision=precision, **PREFILTERS["bounds"])
     for camera_name in ("close", "off_center", "orthographic"):
         check(device, scene_name, camera_name, settings)
@@ -65,7 +65,7 @@ def test_the_prefilter_about_the_bounds(device, scene_name, precision):
 
 @pytest.mark.parametrize("prefilter", PREFILTERS)
 def test_a_nearest_table(device, prefilter):
-    """A weight there jumps where r crosses half a sample, which the oracle's margin does not know of."""
+    """A weight jumps where r crosses half a sample, and the oracle's margin ignores this jump."""
     settings = RenderSettings(epsilon=EPSILON, **KERNELS["nearest"], **PREFILTERS[prefilter])
     for camera_name in ("off_center", "orthographic"):
         got = DevicePasses(device, scene("random_ellipses"), CAMERAS[camera_name], settings).raster()
@@ -94,7 +94,7 @@ def test_every_epsilon(device, epsilon):
 
 
 def test_epsilon_along_the_ray_is_shorter_along_z(device):
-    """The two differ where the ray is oblique, so a test that ignored `along` would fail above."""
+    """The two images differ where the ray is oblique, so the tests above would notice an ignored `along`."""
     z, ray = (
         check(device, "random_ellipses", "inside", RenderSettings(epsilon=0.25, along=along))["count"]
         for along in ("z", "ray")
@@ -121,7 +121,7 @@ SKIP, TAKE = "num += near_z[i] <= farthest;", "num += near_z[i] == near_z[i];"
 
 
 def skewed(camera, seed=0, num=400):
-    """Needles given by nearly parallel tangents; their tips are in view, just behind a backdrop at z = 2."""
+    """Return needles with nearly parallel tangents, and a backdrop at z = 2 in front of their visible tips."""
     rng = np.random.default_rng(seed)
     normal = rng.normal(size=(num, 3)) * np.concatenate([np.ones((num, 2)), log_uniform(rng, 0.1, 100, num)], axis=1)
     radius, (u, v) = log_uniform(rng, 1e-3, 0.4, num), frames(normal)
@@ -151,23 +151,26 @@ def close_up(focal, projection):
     ids=str,
 )
 def test_records_that_are_too_far_add_nothing(device, monkeypatch, choices):
-    """Mutations: `near_z` a thousandth of the reach too far; c.z - reach less SLACK_* for its rounding."""
+    """Mutations in project.cl: `near_z` a thousandth of `reach` too large; `c.z - reach` in place of least_depth."""
     cases = [(scene(s), CAMERAS[c]) for s, c in VIEWS]
     for focal, projection, seed in product([1e3, 1e4, 1e5], ["perspective", "orthographic"], range(8)):
         camera = close_up(focal, projection)
         cases.append((skewed(camera, seed), camera))
     settings = RenderSettings(epsilon=0.0, **choices)
-    skipping = [DevicePasses(device, *case, settings, tile_size=8).raster() for case in cases]
+    skipping = [DevicePasses(device, *case, settings).raster() for case in cases]
     inlined = program.inline_source
     monkeypatch.setattr(program, "inline_source", lambda *a: inlined(*a).replace(SKIP, TAKE))
     other = Device()
     for case, got in zip(cases, skipping, strict=True):
-        want = DevicePasses(other, *case, settings, tile_size=8).raster()
+        want = DevicePasses(other, *case, settings).raster()
         assert all(got[name].tobytes() == want[name].tobytes() for name in want)
 
 
 def test_tangents_that_rounding_makes_parallel(renderer):
-    """They have no normal; the pre-filter still shows them, and nothing is NaN. Mutation: a normal of 0 / 0."""
+    """Such splats have no normal; the pre-filter shows them, and no AOV has a NaN.
+
+    Mutation: a normal of 0 / 0 in oriented_normal.
+    """
     rng = np.random.default_rng(0)
     u = rng.uniform(-0.1, 0.1, (500, 3)).astype("f4")
     v = (u * rng.uniform(0.5, 2, (500, 1))).astype("f4")

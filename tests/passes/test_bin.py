@@ -1,4 +1,4 @@
-"""Binning: each tile's list holds the splats whose bounds reach the tile, and hardly others, in splat order."""
+"""The bin pass: each tile's list holds the splats whose bounds reach the tile, and few others, in splat order."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from splatcl.opencl.passes import bin as bin_pass
 SETTINGS = RenderSettings(epsilon=EPSILON)
 TILES = [8, 16, 32, 64]
 MOST_IDLE = 0.5
-"""Share of entries that may reach no pixel of their tile."""
+"""Largest share of the entries that reach no pixel of their tile."""
 
 
 def bands_of(max_records):
-    """Return `bin_pass.bands` with another limit: several bands of tiles, even for a few splats."""
+    """Return `bin_pass.bands` with a lower limit, which gives several bands of tiles even for a few splats."""
     bands = bin_pass.bands
     return lambda totals, limit: bands(totals, min(limit, max_records))
 
 
 def brute_force(records, camera, tile_size):
-    """Return for each tile in row-major order the places in `records` whose bounds overlap the tile's pixels."""
+    """Return, for each tile in row-major order, the places in `records` whose bounds overlap the tile's pixels."""
     places = []
     for y in range(0, camera.height, tile_size):
         for x in range(0, camera.width, tile_size):
@@ -37,9 +37,9 @@ def brute_force(records, camera, tile_size):
 @pytest.mark.parametrize("max_records", [1, 100, 8 << 20])
 @pytest.mark.parametrize("tile_size", TILES)
 @pytest.mark.parametrize("scene_name", ["random_ellipses", "giant", "near_plane", "sub_pixel"])
-def test_runs_are_what_brute_force_gives(device, monkeypatch, scene_name, tile_size, max_records):
+def test_runs_equal_brute_force(device, monkeypatch, scene_name, tile_size, max_records):
     monkeypatch.setattr(bin_pass, "bands", bands_of(max_records))
-    monkeypatch.setattr(bin_pass, "MIN_CHUNK", 16)  # several chunks, the last one not full
+    monkeypatch.setattr(bin_pass, "MIN_CHUNK", 16)  # several chunks, of which the last is not full
     camera = Camera.look_at(EYE, (0, 0, 0), near=0.125, width=150, height=91)
     passes = DevicePasses(device, scene(scene_name), camera, SETTINGS, tile_size)
     records, attributes = passes.project()
@@ -99,7 +99,7 @@ def test_bands_do_not_change_the_image(renderer, monkeypatch, size, max_records)
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_no_list_lacks_a_splat(device, projection, precision):
-    """Mutations: PIXEL_, NEAR_ or CENTER_SLACK negative; TILT_SLACK halved, or of the smaller side."""
+    """Mutations: PIXEL_SLACK, NEAR_SLACK or CENTER_SLACK negative; TILT_SLACK halved, or times the smaller side."""
     num_drawn = 0
     for seed in range(100):
         rng = np.random.default_rng(seed)
@@ -112,9 +112,9 @@ def test_no_list_lacks_a_splat(device, projection, precision):
             prefilter_radius=float(10.0 ** rng.uniform(-1, 1.5)),
             prefilter_center=str(rng.choice(["projected", "bounds"])),
         )
-        passes = DevicePasses(device, any_discs(rng, camera), camera, settings, 8)
+        passes = DevicePasses(device, any_discs(rng, camera), camera, settings)
         records, _ = passes.project()
-        for run, places in zip(passes.bin()[0], brute_force(records, camera, 8), strict=True):
+        for run, places in zip(passes.bin()[0], brute_force(records, camera, 16), strict=True):
             assert np.isin(records["id"][places], run.records["id"]).all(), seed
         num_drawn += len(records)
     assert num_drawn > 5000

@@ -1,4 +1,4 @@
-"""The ellipses that footprints are: their weights, their contours and their boxes, from the rims of discs."""
+"""Elliptic footprints: their weights, contours and boxes, from the rims of discs."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from splatcl.oracle.project import project
 
 
 def one_disc(tilt=0.7, radius=(0.05, 0.02)):
-    """Return a single disc before the eye at z = 2, tilted about the x axis."""
+    """Return a single disc at z = 2, tilted about the x axis."""
     u = np.array([[radius[0], 0.0, 0.0]])
     v = np.array([[0.0, -radius[1] * np.cos(tilt), radius[1] * np.sin(tilt)]])
     return Splats(np.array([[0.11, -0.07, 2.0]]), u, v)
 
 
 def ellipse_through(points):
-    """Return the centre and a map of the unit circle onto the ellipse through points, by least squares."""
+    """Return the center and a map of the unit circle onto the ellipse through points, by least squares."""
     mean = points.mean(axis=0)
     x, y = (points - mean).T
     a, b, c, d, e = np.linalg.lstsq(np.stack([x * x, x * y, y * y, x, y], axis=1), np.ones(len(x)), rcond=None)[0]
@@ -34,7 +34,7 @@ def ellipse_through(points):
 
 @pytest.mark.parametrize("footprint", ["affine", "conic"])
 def test_ewa_weights_are_a_convolution(renderer, footprint):
-    """By quadrature: the projected Gaussian, sampled on a fine grid, convolved with the low-pass one."""
+    """The expected weight is a sum over a fine grid: the projected Gaussian times the low-pass Gaussian."""
     camera = Camera(np.eye(4), 60.0, 55.0, 8.3, 7.6, 17, 15, near=0.1, far=10.0)
     precision = "double" if renderer.supports_double else "single"
     settings = RenderSettings(0.1, footprint=footprint, prefilter="ewa", cutoff=2.0, precision=precision)
@@ -43,7 +43,7 @@ def test_ewa_weights_are_a_convolution(renderer, footprint):
     angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
     rim = splats.center + np.cos(angle)[:, None] * splats.tangent_u + np.sin(angle)[:, None] * splats.tangent_v
     rim = rim[:, :2] / rim[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-    if footprint == "affine":  # the differential at the centre, by central differences
+    if footprint == "affine":  # the differential at the center, by central differences
         center = splats.center[0]
         project = lambda p: p[:2] / p[2] * (camera.fx, camera.fy) + (camera.cx, camera.cy)  # noqa: E731
         h = 1e-5
@@ -66,7 +66,7 @@ def test_ewa_weights_are_a_convolution(renderer, footprint):
 
 
 def test_conic_footprint_is_the_ray_casts_at_the_contour(renderer):
-    """At the cutoff contour both are the projected disc ([ZRB04] section 4), to rounding."""
+    """Both are the projected disc at the cutoff contour, to rounding ([ZRB04] section 4)."""
     splats, camera = extended("random_ellipses", 9), CAMERAS["outside"]
     settings = RenderSettings(0.1, footprint="conic", prefilter="none")
     projected = project(splats, camera, settings)
@@ -87,7 +87,7 @@ def test_conic_footprint_is_the_ray_casts_at_the_contour(renderer):
 
 @pytest.mark.parametrize("prefilter", ["none", "ewa"])
 def test_conic_boxes_are_exact(device, prefilter):
-    """The record's pixels are those between the extremes of the sampled rim, or of the filtered ellipse's contour."""
+    """The record's pixels lie between the extremes of the sampled rim, or of the filtered ellipse's contour."""
     settings = RenderSettings(0.1, footprint="conic", prefilter=prefilter)
     splats, camera = extended("random_ellipses", 12), CAMERAS["outside"]
     records, _ = DevicePasses(device, splats, camera, settings).project()
@@ -100,10 +100,10 @@ def test_conic_boxes_are_exact(device, prefilter):
         c, u, v = projected.center_eye[i], projected.tangent_u_eye[i], projected.tangent_v_eye[i]
         rim = c + circle[0][:, None] * u + circle[1][:, None] * v
         points = rim[:, :2] / rim[:, 2:] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
-        if prefilter == "ewa":  # widen the ellipse through them by the low-pass filter's variance
+        if prefilter == "ewa":  # add the variance of the low-pass filter to the ellipse through the points
             middle, m = ellipse_through(points)
             points = middle + (np.linalg.cholesky(m @ m.T + settings.cutoff**2 * np.eye(2)) @ circle).T
-        low, high = points.min(axis=0) - 0.5, points.max(axis=0) - 0.5  # in pixels' centres
+        low, high = points.min(axis=0) - 0.5, points.max(axis=0) - 0.5  # counted from the center of pixel 0
         size = np.array([camera.width, camera.height])
         first, last = np.maximum(np.ceil(low), 0), np.minimum(np.floor(high), size - 1)
         box = np.array([[record["x_min"], record["y_min"]], [record["x_max"], record["y_max"]]])

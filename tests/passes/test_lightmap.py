@@ -1,4 +1,4 @@
-"""The light map against the oracle, against Phong, and with the same bits for all lanes."""
+"""The light map: equal to the oracle's, close to Phong, with the same bits for all lanes."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ TWO = (Light("directional", (0.3, 2.0, 1.5)), Light("headlight", color=(0.3, 0.2
     ("view", "precision"), [("off_center", "single"), ("orthographic", "single"), ("inside", "double")]
 )
 def test_the_lightmap_is_the_oracles(device, view, precision):
-    """Mutations: folds exchanged, samples off by one, diffuse for specular."""
+    """Mutations: x and y exchanged in `fold`; samples off by one in looked_up; diffuse light in place of specular."""
     settings = RenderSettings(lights=TWO, shader="lightmap", precision=precision)
     tolerance = LIGHTMAP_SINGLE if precision == "single" else 10 * SHADED_DOUBLE
     for material in (Material(0.1, 0.5, 0.5, 8.0), Material(0.0, 1.0, 1.0, 0.0)):
         got, want = both(device, CAMERAS[view], replace(settings, material=material), make_sums(3))
-        edge = SPECULAR_EDGE if material.shininess == 0 else 0.0  # a light of shininess 0 begins at its horizon
+        edge = SPECULAR_EDGE if material.shininess == 0 else 0.0  # shininess 0: the highlight jumps at the horizon
         error = np.abs(got["color"] - want["color"])
         assert np.count_nonzero(error > tolerance) <= (0 if not edge else 0.01 * error.size)
         assert np.ptp(got["color"][..., :3]) > 0.1
 
 
 def test_the_lightmap_is_nearly_phong(renderer):
-    """Of lights that are directions; a highlight whose light is behind the surface is Phong's to cut off."""
+    """The lights are directions. Phong alone cuts off a highlight whose light is behind the surface."""
     camera, splats = CAMERAS["orthographic"], sphere()
     for material in (Material(0.0, 1.0, 0.0, 32.0), Material(0.0, 0.0, 1.0, 32.0)):
         settings = RenderSettings(EPSILON, lights=TWO, material=material)

@@ -1,4 +1,4 @@
-"""Every method, footprint, filter, normal field, clip line, place of shading and target against the oracle."""
+"""Every method, footprint, pre-filter, normal field, clip line, stage of shading and target against the oracle."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from splatcl.opencl.state.upload import PHONG_ATTRIBUTES as PHONG
 
 VECTORS = ("N", "albedo", "color", "depth.mean", "P")
 LIT = {"lights": LIGHTS, "material": Material(0.1, 0.6, 0.4, 12.0)}
-CULL = {"facing": "cull"}  # one layer alone: half the programs to build
+CULL = {"facing": "cull"}  # one layer alone halves the programs to build
 ATTRIBUTES = (*PHONG, "rough", "a", "b", "c", "d", "e")
 
 
 def compare(renderer, splats, camera, settings, masked=MASKED_METHODS):
-    """Assert that a render is the oracle's outside the pixels where a decision is nearly a tie; return both."""
+    """Assert that a render agrees with the oracle where no decision is nearly a tie; return both and those pixels."""
     settings = replace(settings, epsilon=0.1)
     frame, want = renderer.render(splats, camera, settings), oracle.passes(splats, camera, settings, 0.1)
     double = settings.precision == "double"
@@ -46,10 +46,10 @@ def compare(renderer, splats, camera, settings, masked=MASKED_METHODS):
     if settings.target in ("float16", "unorm8"):
         return frame, want, sure & covered
     hit = sure & np.isfinite(want["Z"])
-    solid = sure & (want["weight"] > 1e-3 * want["weight"].max())  # EWA leaves next to nothing of a thin splat
+    solid = sure & (want["weight"] > 1e-3 * want["weight"].max())  # EWA gives thin splats almost no weight
     tolerance = DOUBLE_METHODS if double else SINGLE_METHODS
     np.testing.assert_allclose(frame["Z"][hit], want["Z"][hit], rtol=tolerance)
-    about_the_eye = masked != MASKED_METHODS  # u and v err more there, and with them weights and fields
+    about_the_eye = masked != MASKED_METHODS  # u and v err more there, so weights and fields do too
     weight_tolerance = DOUBLE_METHODS if double else WEIGHT_ADVERSARIAL if about_the_eye else WEIGHT_RELATIVE
     np.testing.assert_allclose(frame["weight"][solid], want["weight"][solid], rtol=weight_tolerance)
     lit = settings.shading != "deferred"
@@ -73,10 +73,10 @@ def compare(renderer, splats, camera, settings, masked=MASKED_METHODS):
     ],
 )
 def test_methods_against_the_oracle(renderer, method, facing):
-    """Discs seen from outside, across the near plane, in all sizes; with clip lines.
+    """The scenes show discs of all sizes, from outside and across the near plane, and clip lines.
 
-    Caught: an ellipse about the projected centre instead of its own; EWA without its factor; a field that is not turned
-    with its normal; circles of the shorter axis.
+    Mutations: an ellipse about the projected center instead of its own; EWA without its factor; a field that is not
+    turned with its normal; circles of the shorter axis.
     """
     settings = RenderSettings(method=method, facing=facing)
     field = method == "botsch04"
@@ -94,7 +94,7 @@ def test_methods_against_the_oracle(renderer, method, facing):
     compare(renderer, extended("random_ellipses", 2, True, field), CAMERAS["outside"], settings)
 
 
-@pytest.mark.parametrize("method", ["zwicker04", "botsch04"])
+@pytest.mark.parametrize("method", [pytest.param("zwicker04", marks=pytest.mark.slow), "botsch04"])
 def test_methods_in_double_precision(renderer, method):
     if not renderer.supports_double:
         pytest.skip("this device has no double precision")
@@ -112,7 +112,7 @@ def test_methods_without_perspective(renderer, method):
 @pytest.mark.parametrize(
     "settings",
     [
-        RenderSettings(footprint="affine", prefilter="min", **CULL),
+        pytest.param(RenderSettings(footprint="affine", prefilter="min", **CULL), marks=pytest.mark.slow),
         RenderSettings(footprint="conic", prefilter="min", prefilter_center="bounds", prefilter_radius=3.0, **CULL),
         RenderSettings(footprint="conic", prefilter="none", along="ray", facing="cull"),
         RenderSettings(method="zwicker04", cutoff=3.0, prefilter_radius=2.0),
@@ -133,8 +133,8 @@ def test_settings_compose(renderer, settings):
         ("botsch03", ("specular",)),
     ],
 )
-def test_attributes_blend_like_colours_and_feed_the_shader(renderer, method, attributes):
-    """Caught: specular read where there is only shininess; channels shifted by the gloss."""
+def test_attributes_blend_like_colors_and_feed_the_shader(renderer, method, attributes):
+    """Mutations: specular read where only shininess is given; channels shifted by the gloss."""
     splats = extended("random_ellipses", 6, field=True, attributes=attributes)
     frame, *_ = compare(renderer, splats, CAMERAS["outside"], RenderSettings(method=method, **LIT, **CULL))
     assert [name for name in frame if name.startswith("attribute.")] == [f"attribute.{n}" for n in _ordered(attributes)]
@@ -147,7 +147,7 @@ def _ordered(names):
 @pytest.mark.parametrize("target", ["float16", "unorm8"])
 @pytest.mark.parametrize("method", ["botsch05", "botsch04"])
 def test_targets_round_every_step(renderer, target, method):
-    """Sums are steps of the format, and the oracle's but where a weight lies on the border of two steps."""
+    """Sums are steps of the format. They equal the oracle's unless a weight lies on the border of two steps."""
     splats = extended("layers", 7, field=True)
     frame, want, sure = compare(
         renderer, splats, CAMERAS["outside"], RenderSettings(method=method, target=target, **CULL)
@@ -163,7 +163,7 @@ def test_targets_round_every_step(renderer, target, method):
 
 @pytest.mark.parametrize("target", ["float16", "unorm8"])
 def test_targets_are_exact_where_nothing_is_rounded_before(renderer, target):
-    """With weights of 1 the sums of dyadic colours are the format's own arithmetic: no tolerance."""
+    """Weights of 1 and dyadic colors leave only the format's own rounding of the sums, so weights are exact."""
     splats = extended("layers", 8)
     splats = replace(splats, color=np.round(splats.color * 16) / 16)
     settings = RenderSettings(target=target, kernel="constant", shader="albedo")
@@ -176,7 +176,7 @@ def test_targets_are_exact_where_nothing_is_rounded_before(renderer, target):
 
 @pytest.mark.parametrize("view", [(2.2, 1.7, 2.9), (1.9, -2.4, 1.2), (-3.0, 0.6, 1.1)])
 def test_clipped_cube_has_no_hole(renderer, view):
-    """24 splats cut off at the edges cover what the cube covers, pixel by pixel, and two never overlap at an edge."""
+    """24 splats with clip lines cover the cube's pixels exactly, and no two overlap at an edge."""
     camera = Camera.look_at(view, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 40.0, 90, 80)
     splats = cube()
     low, high = splats.center.min(axis=0), splats.center.max(axis=0)
@@ -187,11 +187,11 @@ def test_clipped_cube_has_no_hole(renderer, view):
         frame = renderer.render(splats, camera, replace(settings, facing="cull", shader="normal"))
         np.testing.assert_array_equal((frame["count"] > 0)[~near], (leave > enter)[~near])
         face = np.abs(frame["N"] @ camera.eye_from_world[:3, :3])
-        crossed = (frame["count"] > 0) & (face.max(axis=-1) < 1 - 1e-5)  # normals of two faces blended
+        crossed = (frame["count"] > 0) & (face.max(axis=-1) < 1 - 1e-5)  # the normals of two faces are blended
         assert np.count_nonzero(crossed) <= 2
 
 
-def test_what_has_no_meaning_is_refused(renderer):
+def test_meaningless_settings_are_refused(renderer):
     for choices, words in (
         ({"prefilter": "ewa"}, "footprint='affine'"),
         ({"method": "zwicker04", "kernel": "constant"}, "gaussian"),
@@ -232,7 +232,7 @@ def test_circles_are_the_oracles(renderer):
 
 
 def test_probe_and_check_follow_the_method(renderer):
-    """The probe's running sums end at the frame's bits; every splat, record and fragment is accounted for."""
+    """The probe's running sums end at the frame's bits, and the accounting of every method adds up."""
     for method, field in (("zwicker04", False), ("botsch04", True)):
         splats = extended("random_ellipses", 11, True, field)
         frame = renderer.render(splats, CAMERAS["outside"], RenderSettings(0.1, method=method))

@@ -1,4 +1,4 @@
-"""Layers of the tile lists: what nearer splats hide is never projected, and no bit of the image tells."""
+"""Occlusion culling: splats behind a tile's front layer are not projected, and no bit of the image changes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from splatcl.opencl.state.context import EVERY
 
 TILES = [8, 32, 64]
 USUAL = (16, "raycast", "min", False)
-WAYS = (  # few, as each is compiled: tile size, footprint, pre-filter, and whether there are clip lines
+WAYS = (  # tile size, footprint, pre-filter, and whether clip lines are given; few, because each compiles programs
     (8, "raycast", "min", False),
     USUAL,
     (32, "raycast", "none", False),
@@ -30,12 +30,12 @@ DISCS = WAYS[:4]
 
 
 def in_ways(ways, usual=(USUAL,)):
-    """Parametrize `ways`: the usual one, and slowly all of `ways`, as each compiles programs of its own."""
+    """Parametrize `ways`: the usual way, and as a slow test all `ways`, because each compiles programs."""
     return pytest.mark.parametrize("ways", [usual, pytest.param(ways, marks=pytest.mark.slow)], ids=["usual", "all"])
 
 
 def any_settings(rng, precision, footprint, prefilter):
-    """Return settings under which there are layers."""
+    """Return random settings with which the projection uses layers."""
     return RenderSettings(
         epsilon=float(rng.choice([0.0, 10.0 ** rng.uniform(-6, 4)])),
         precision=precision,
@@ -49,7 +49,7 @@ def any_settings(rng, precision, footprint, prefilter):
 
 
 def sums(device, splats, camera, settings, tile_size, layers=None):
-    """Return everything up to the attribute pass, drawn in other `layers` than usual if given."""
+    """Return the outputs of the passes up to the attribute pass, drawn in `layers` if given."""
     passes = DevicePasses(device, splats, camera, settings, tile_size)
     passes.passes.layers = layers or passes.passes.layers
     return passes.raster()
@@ -76,7 +76,7 @@ def test_layers_do_not_change_the_sums(device, monkeypatch, scene_name, camera_n
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_layers_of_any_discs_do_not_change_the_sums(device, monkeypatch, projection, precision, ways):
-    """Mutation: no epsilon in hiding_of."""
+    """Mutation: no epsilon in occluders_of."""
     monkeypatch.setattr(bin_pass, "FRONT_THICKNESS", 0)
     for seed in range(60):
         rng = np.random.default_rng(seed)
@@ -91,12 +91,12 @@ def test_layers_of_any_discs_do_not_change_the_sums(device, monkeypatch, project
 
 @pytest.fixture
 def no_front(monkeypatch):
-    """Have every entry say how near it is."""
+    """Give every entry of the tile lists its depth in the occlusion key, with no front layer."""
     monkeypatch.setattr(bin_pass, "FRONT_THICKNESS", -1e30)
 
 
 def read_keys(passes, tile_size):
-    """Yield a tile's first pixel, its records, their attributes and their keys."""
+    """Yield each tile's first pixel, its records, their attributes and their occlusion keys."""
     device, own = passes.device, passes.passes
     for lists in bin_pass.bin(own, passes.view, passes.splats):
         keys = device.read(lists.keys, (lists.start + lists.begin[-1],), np.int32)[lists.start :]
@@ -108,7 +108,7 @@ def read_keys(passes, tile_size):
 
 
 def fragments_of(records, attributes, x, y, settings, projection):
-    """Return (N, P) whether there are fragments of N records at P pixels, and how deep, in the frame's precision."""
+    """Return (N, P) whether N records have fragments at P pixels, and (N, P) depths, in the frame's precision."""
     r, a, real = {name: records[name][:, None] for name in records.dtype.names}, attributes, records["z"].dtype.type
     dx, dy = (x - r["pixel_x"]) - r["offset_x"], (y - r["pixel_y"]) - r["offset_y"]
     u = (r["u_x"] * dx + r["u_y"] * dy) + r["u_1"]
@@ -127,7 +127,7 @@ def fragments_of(records, attributes, x, y, settings, projection):
 @pytest.mark.parametrize("precision", ["single", "double"])
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.filterwarnings("ignore:.*encountered:RuntimeWarning")
-def test_no_fragment_is_nearer_or_elsewhere_than_its_clue_says(device, no_front, projection, precision, ways):
+def test_no_fragment_is_nearer_than_its_key_or_outside_its_quarters(device, no_front, projection, precision, ways):
     """Mutations: DEPTH_SLACK or DISTANCE_SLACK negative; `first` for `last` in key_of."""
     num_sure = num_fragments = 0
     for seed in range(60):
@@ -151,14 +151,14 @@ def test_no_fragment_is_nearer_or_elsewhere_than_its_clue_says(device, no_front,
             named &= (quarter_y >= first_y[:, None]) & (quarter_y <= last_y[:, None])
             assert not (drawn & ~named).any(), seed
             near_z = (keys & 0x7FFFFF00).view(np.float32)
-            assert not (drawn & (z < near_z[:, None]))[near_z > 0].any(), seed  # 0: not known
+            assert not (drawn & (z < near_z[:, None]))[near_z > 0].any(), seed  # 0: unknown depth
             num_sure += np.count_nonzero(near_z[drawn.any(axis=1)] > 0)
             num_fragments += np.count_nonzero(drawn)
     assert num_sure > 1000 and num_fragments > 20000
 
 
 def test_a_depth_is_known_of_most_splats(device, no_front):
-    """A sphere's splats but for those that are nearly edge-on, to a hundredth of a radius."""
+    """Keys of a sphere's splats have a depth, to a hundredth of the center's z, except near edge-on."""
     splats, camera = scene("sphere"), CAMERAS["outside"]
     passes = DevicePasses(device, splats, camera, RenderSettings(epsilon=0.0))
     for _, _, records, _, keys in read_keys(passes, 16):

@@ -1,4 +1,4 @@
-"""The projection: records, bounds, normals and which splats survive, from the specification's equations."""
+"""The projection against the specification's equations: records, bounds, normals and the surviving splats."""
 
 from __future__ import annotations
 
@@ -41,17 +41,16 @@ def project(device, scene_name, camera_name, settings):
 
 
 DEEP = 0.25
-"""As in kernels/passes/project.cl: a disc that reaches deeper than this share of its centre's z."""
+"""Share of its center's z beyond which a disc is deep; DEEP in kernels/passes/project.cl."""
 
 
 @cache
 def spec(scene_name, camera_name, name):
-    """Return what the equations of the specification say of each splat, float64, from its eye-space vectors.
+    """Return the record of each splat by the specification's equations, float64, from its eye-space vectors.
 
-    `point` is where the record describes the splat from: its centre, or the point of the disc farthest from
-    the eye where a perspective camera has the centre before its near plane or much nearer than that point. With
-    d0 the ray through it and
-    a = t_v x c, b = c x t_u, g = t_u x t_v, the ray of a pixel (dx, dy) from it is d0 + (dx/fx, dy/fy, 0), so
+    `point` is the reference point of the record. It is the center, or the disc's farthest point where a perspective
+    camera has the center in front of its near plane, or where the disc is deep. d0 is the ray through the reference
+    point; a = t_v x c, b = c x t_u, g = t_u x t_v. The ray of a pixel (dx, dy) away is d0 + (dx/fx, dy/fy, 0), so
     u = a.d / g.d = (u_1 + dx a_x/(fx g.d0) + dy a_y/(fy g.d0)) / (1 + g_x dx + g_y dy).
     """
     camera = CAMERAS[camera_name]
@@ -70,11 +69,11 @@ def spec(scene_name, camera_name, name):
             image = point[:, :2] / point[:, 2:]
             coefficients = [h[:, :2] / focal / g_d0[:, None] for h in (a, b, g)]
         else:
-            # The ray is (X, Y, 0) + z (0, 0, 1): t_v x (c - (X, Y, 0)) gives a's change with X and Y.
+            # The ray is (X, Y, 0) + z (0, 0, 1), so t_v x (c - (X, Y, 0)) gives the change of a with X and Y.
             g_d0, image = g[:, 2], point[:, :2]
             forms = np.stack([t_v[:, 1], -t_v[:, 0]]), np.stack([-t_u[:, 1], t_u[:, 0]]), -g[:, :2].T
             coefficients = [h.T / focal / g_d0[:, None] for h in forms]
-        # The size of the products that each is a difference of, and the error of g.d0.
+        # Each coefficient is a difference of products of this size; g.d0 has an error too.
         length_u, length_v = np.linalg.norm(t_u, axis=1), np.linalg.norm(t_v, axis=1)
         distance = np.linalg.norm(point, axis=1) if perspective else 1.0
         cosine = np.abs(g_d0) / np.linalg.norm(g, axis=1)
@@ -83,10 +82,10 @@ def spec(scene_name, camera_name, name):
         scales = [
             (size[:, None] / focal + np.abs(k)) * steep[:, None] for size, k in zip(sizes, coefficients, strict=True)
         ]
-        # The farthest point is reached by a step along the disc that is rounded, and z may cancel there.
+        # A rounded step along the disc leads to the farthest point, and z may cancel there.
         cancels = np.where(hidden, (np.abs(c[:, 2]) + reach) / np.abs(point[:, 2]), 1.0)
         step = np.where(hidden, np.linalg.norm(point - c, axis=1) / np.abs(point[:, 2]), 0.0)
-        # Which point of the disc that is depends on t.z / reach, with the rounding error of |t|; any point serves.
+        # The step depends on t.z / reach, with the rounding error of |t|. Any point of the disc would serve.
         steps_off = 1 + np.where(hidden, np.maximum(length_u, length_v) / reach, 0.0)
         moved = (step * steps_off)[:, None] * focal * (1 + np.abs(image))
     raster = image * focal + (camera.cx, camera.cy)
@@ -97,7 +96,7 @@ def spec(scene_name, camera_name, name):
 
 
 def cosines(p, camera):
-    """(N,) |cos| between a splat's normal and the line of sight to its centre."""
+    """Return (N,) |cos| of the angle between each splat's normal and the line of sight to its center."""
     toward = p.center_eye / np.linalg.norm(p.center_eye, axis=1)[:, None]
     toward = toward if camera.projection == "perspective" else np.array([0, 0, 1.0])
     g = np.cross(p.tangent_u_eye, p.tangent_v_eye)
@@ -105,12 +104,12 @@ def cosines(p, camera):
 
 
 def edge_on(p, camera):
-    """(N,) bool surely edge-on, (N,) bool surely not."""
+    """Return (N,) bool surely edge-on and (N,) bool surely not."""
     return cosines(p, camera) < 0.9 * EDGE_ON, cosines(p, camera) > 1.1 * EDGE_ON
 
 
 def slack(p, camera):
-    """(N,) pixels by which a record's bounds may exceed the oracle's."""
+    """Return (N,) pixels by which a record's bounds may exceed the oracle's."""
     size = np.maximum(p.bounds[:, 2] - p.bounds[:, 0], p.bounds[:, 3] - p.bounds[:, 1])
     size = np.where(np.isfinite(size), size, 0)
     return BOUNDS_LOOSER + size * (BOUNDS_LOOSER_SIZE + BOUNDS_LOOSER_TILT / cosines(p, camera))
@@ -137,7 +136,7 @@ def test_coefficients_and_reference_point(device, scene_name, camera_name, name)
         allowed = allowed + 4 * unit * np.abs(raster) * steep[:, None]
     assert (pixel == np.rint(pixel)).all()
     assert (error <= allowed).all(), f"the reference point is off by {error.max():.2g} pixels"
-    # Of a reference so far away that the next float is not half a pixel away, `pixel` is any near one.
+    # Floats of a very far reference point are over half a pixel apart; `pixel` is then any near one.
     assert (np.abs(offset) <= 0.5 + 2 * unit * (1 + np.abs(pixel))).all()
 
     assert (np.abs(records["z"] - z) <= 4 * unit * np.abs(z) * steep).all()
@@ -155,7 +154,7 @@ def test_coefficients_and_reference_point(device, scene_name, camera_name, name)
 @pytest.mark.parametrize("name", SETTINGS)
 @pytest.mark.parametrize(("scene_name", "camera_name"), [v for v in VIEWS if v[1] in AMPLE])
 def test_which_splats_survive(device, scene_name, camera_name, name):
-    """All whose bounds reach a pixel's centre, in increasing order; no others, but for the bounds' slack."""
+    """Splats survive, in increasing order, if their bounds reach a pixel's center, up to the bounds' slack."""
     settings, camera = SETTINGS[name], CAMERAS[camera_name]
     records, attributes = project(device, scene_name, camera_name, settings)
     p = reference(scene_name, camera_name, settings).projected
@@ -187,7 +186,7 @@ def test_which_splats_survive(device, scene_name, camera_name, name):
 @pytest.mark.parametrize("name", ["min", "none", "bounds", "double"])
 @pytest.mark.parametrize(("scene_name", "camera_name"), [v for v in VIEWS if v[1] in AMPLE])
 def test_bounds_are_tight(device, scene_name, camera_name, name):
-    """They hold the oracle's exact bounds, and are hardly looser (discs through the eye plane aside)."""
+    """Bounds hold the oracle's exact bounds and are hardly looser, except for discs through the eye plane."""
     settings, camera = SETTINGS[name], CAMERAS[camera_name]
     records, _ = project(device, scene_name, camera_name, settings)
     p = reference(scene_name, camera_name, settings).projected
@@ -215,7 +214,7 @@ def test_bounds_are_tight(device, scene_name, camera_name, name):
 @pytest.mark.parametrize("camera_name", ["close", "off_center", "orthographic"])
 @pytest.mark.parametrize("scene_name", ["near_plane", "giant", "edge_on", "thin", "random_ellipses"])
 def test_bounds_hold_every_pixel_of_the_splat(device, scene_name, camera_name):
-    """Each splat alone, by the oracle: every pixel that it covers beyond doubt is within its record's bounds."""
+    """The oracle draws each splat alone; its certain pixels lie within its record's bounds."""
     settings, camera, splats = SETTINGS["min"], CAMERAS[camera_name], scene(scene_name)
     records, _ = project(device, scene_name, camera_name, settings)
     bounds = {r["id"]: [int(r[k]) for k in ("x_min", "y_min", "x_max", "y_max")] for r in records}
@@ -235,7 +234,7 @@ def test_bounds_hold_every_pixel_of_the_splat(device, scene_name, camera_name):
 @pytest.mark.parametrize("name", ["min", "flip", "cull", "double"])
 @pytest.mark.parametrize("camera_name", CAMERAS)
 @pytest.mark.parametrize("scene_name", ["random_ellipses", "thin", "near_plane"])
-def test_normals_and_colours(device, scene_name, camera_name, name):
+def test_normals_and_colors(device, scene_name, camera_name, name):
     settings = SETTINGS[name]
     records, attributes = project(device, scene_name, camera_name, settings)
     p, ids, unit = reference(scene_name, camera_name, settings).projected, records["id"], UNIT[settings.precision]
@@ -251,7 +250,7 @@ def test_normals_and_colours(device, scene_name, camera_name, name):
 @pytest.mark.parametrize("name", ["min", "none", "bounds", "double"])
 @pytest.mark.parametrize("camera_name", AMPLE)
 @pytest.mark.parametrize("scene_name", ["random_ellipses", "near_plane", "sub_pixel"])
-def test_where_the_prefilter_is_centred(device, scene_name, camera_name, name):
+def test_centers_of_the_prefilter(device, scene_name, camera_name, name):
     settings = SETTINGS[name]
     records, attributes = project(device, scene_name, camera_name, settings)
     p, ids = reference(scene_name, camera_name, settings).projected, records["id"]

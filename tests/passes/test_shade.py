@@ -1,4 +1,4 @@
-"""Resolving and shading: once per pixel from G-buffers that the test makes up, against the oracle."""
+"""Resolving and shading against the oracle, from invented G-buffers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LIGHTS = {
 
 
 def to_lights(want, camera, settings):
-    """Yield N.L of every light at every pixel; the specular term jumps where it changes its sign."""
+    """Yield N.L of every light at every pixel. The specular term jumps where N.L changes its sign."""
     for light in settings.lights:
         vector = camera.eye_from_world[:3, :3] @ light.vector
         if light.has_place:
@@ -53,7 +53,7 @@ def test_resolved_aovs(device, camera_name, precision):
     assert np.isinf(got["depth.mean"][empty]).all()
     np.testing.assert_array_equal(np.isinf(got["depth.distance"]), empty & np.isinf(sums["depth"]))
     np.testing.assert_array_equal(got["color"][..., 3], np.where(empty, 0, 1))
-    # The position of a pixel that only the pre-filter reached is at the mean depth.
+    # A pixel with pre-filter fragments alone takes its position from the mean depth.
     only = np.isinf(sums["depth"]) & ~empty
     np.testing.assert_array_equal(got["P"][only][:, 2], got["depth.mean"][only])
     np.testing.assert_array_equal(got["P"][~only & ~empty][:, 2], sums["depth"][~only & ~empty])
@@ -90,11 +90,11 @@ def test_unlit_shaders(device, camera_name, precision, shader):
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 def test_phong_by_hand(renderer, projection):
-    """N.L, R.V and their coefficients at the pixel on the axis, where everything is known."""
+    """N.L, R.V and their coefficients are known at the pixel on the axis."""
     camera = Camera(np.eye(4), 16, 16, 8.5, 8.5, 17, 17, near=0.1, projection=projection)
     material = Material(ambient=0.125, diffuse=0.5, specular=0.25, shininess=2.0)
     albedo = np.array([0.5, 0.25, 1.0])
-    # The normal points at the eye, the light is 60 degrees off it: N.L = R.V = 1/2.
+    # The normal points at the eye and the light is 60 degrees off, so N.L = R.V = 1/2.
     tilted = Light("directional", (0.0, np.sqrt(3) / 2, -0.5), (1.0, 0.5, 0.25))
     beside = Light("point", (0.0, 2 * np.sqrt(3), 2.0), (1.0, 0.5, 0.25))
     head, behind = Light(), Light("directional", (0.0, 0.1, 1.0))

@@ -1,4 +1,4 @@
-"""The shaders depth and npr: from sums and from AOVs, against the oracle, and by hand."""
+"""The shaders depth and npr, from sums and from AOVs: against the oracle, and by hand."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ NPR = Npr((0.1, 0.35, 0.5, 0.75, 0.95), 0.3, 0.25, (0.25, 0.0, 0.5))
 
 
 def smooth_sums(seed=0):
-    """G-buffers of a wavy surface with a step, a few holes, and pixels that only the pre-filter reached."""
+    """Return the sums of a wavy surface with a step, a few holes, and pixels of pre-filter fragments alone."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     z = 3 + 0.02 * x + 0.5 * (y > 20) + rng.uniform(-0.1, 0.1, SHAPE)
@@ -36,7 +36,7 @@ def smooth_sums(seed=0):
 
 
 def decided(sums, camera, settings):
-    """Return (H, W) whether tone and line are the same for slightly other light, contour and silhouette."""
+    """Return (H, W) whether tone and line stay under slight changes of light, contour and silhouette."""
     colors, contour = [], 4 * settings.epsilon if settings.npr.contour == "auto" else settings.npr.contour
     for sign in (-1, 1):
         lights = tuple(replace(o, color=tuple(c * (1 + sign * NPR_TIES) for c in o.color)) for o in settings.lights)
@@ -74,7 +74,7 @@ def test_depth(device, camera_name, precision):
 
 @pytest.mark.parametrize("shader", ["phong", "npr"])
 def test_aovs_give_the_bits_that_sums_give(device, shader):
-    """And so does a lane alone; here a row ends within a vector."""
+    """One lane gives the same bits too; rows end within a vector here."""
     camera, sums = CAMERAS["off_center"], smooth_sums(1)
     settings = RenderSettings(0.0, shader=shader, npr=NPR, lights=LIGHTS)
     got, alone = (
@@ -86,7 +86,7 @@ def test_aovs_give_the_bits_that_sums_give(device, shader):
 
 
 def step(width=7, height=5):
-    """A frame of two planes that face an orthographic camera: z = 2, and 3 from column 4; column 0 is empty."""
+    """Return a frame of two planes that face an orthographic camera: z = 2, and 3 from column 4; column 0 is empty."""
     camera = Camera(np.eye(4), 1, 1, width / 2, height / 2, width, height, 1, 9, "orthographic")
     z = np.where(np.arange(width) < 4, 2.0, 3.0) * np.ones((height, 1))
     position = np.stack([z * 0, z * 0, z], axis=-1)
@@ -96,8 +96,8 @@ def step(width=7, height=5):
 
 
 def test_npr_by_hand():
-    """N.L is 1/2: the third of four tones. Lines are beside the empty column and on both sides of the step."""
-    light = Light("directional", (0.0, np.sqrt(3) / 2, 0.5001))  # world and eye are one here: toward +z is away
+    """N.L is 1/2: the third of four tones. Lines lie beside the empty column and on both sides of the step."""
+    light = Light("directional", (0.0, np.sqrt(3) / 2, 0.5001))  # eye space is world space: +z is away
     toward = Light("directional", (0.0, np.sqrt(3) / 2, -0.5001))
     npr = Npr((0.1, 0.2, 0.5, 1.0), contour=0.75, silhouette=0.9, line=(0.0, 0.125, 0.0))
     for lights, tone in (((toward,), 0.5), ((light,), 0.1), ((), 0.1), ((toward, toward, toward), 1.0)):
@@ -107,10 +107,10 @@ def test_npr_by_hand():
         np.testing.assert_allclose(
             color[:, [2, 5, 6]], np.tile((0.5 * tone, 0.25 * tone, tone, 1.0), (5, 3, 1)), rtol=1e-6
         )
-    # A jump of exactly `contour` is none, and the image's edge is none.
+    # A jump of exactly `contour` draws no line, nor does the edge of the image.
     flat = step().shade(shader="npr", npr=replace(npr, contour=1.0), lights=()).color
     np.testing.assert_allclose(flat[:, 2:], np.tile((0.05, 0.025, 0.1, 1.0), (5, 5, 1)), rtol=1e-6)
-    # Every normal is at 0 degrees: a silhouette of more than 1 cannot be asked for, one of 1 draws nothing.
+    # N.V is 1 everywhere, so the largest silhouette, 1, draws nothing.
     np.testing.assert_array_equal(
         step().shade(shader="npr", npr=replace(npr, contour=1.0, silhouette=1.0), lights=()).color, flat
     )

@@ -32,7 +32,7 @@ CASTING = (
     Light("spot", (0.2, 0.3, 1.4), (0.0, 0.0, 1.0), (-0.2, -0.5, -1.0), 20.0, 50.0, "nearest", map_size=64),
     Light(color=(0.1, 0.1, 0.1)),
 )
-"""One light a channel, so that each light's shadows are seen by themselves."""
+"""Three lights that cast shadows, each in its own color channel, and a fourth without shadow."""
 SETTINGS = RenderSettings(EPSILON, lights=CASTING, facing="flip", material=Material(0.1, 0.8, 0.1, 8.0))
 
 
@@ -40,7 +40,7 @@ SETTINGS = RenderSettings(EPSILON, lights=CASTING, facing="flip", material=Mater
     ("camera_name", "precision"), [("off_center", "single"), ("orthographic", "single"), ("off_center", "double")]
 )
 def test_shadows_are_the_oracles(renderer, camera_name, precision):
-    """Mutations: a bias of another sign, x and y exchanged, texels off by one, weights or maps exchanged."""
+    """Mutations: the bias negated in lit_at; x and y or the weights exchanged, or texels off by one, in lit_share."""
     camera, splats = CAMERAS[camera_name], random_ellipses(num=150)
     settings = replace(SETTINGS, precision=precision)
     got, want = renderer.render(splats, camera, settings), oracle.passes(splats, camera, settings, EPSILON)
@@ -70,7 +70,7 @@ def test_shadows_have_the_same_bits_for_all_tiles_and_lanes(renderer_with, lanes
 
 
 def test_a_light_whose_bias_is_large_shines_through_everything(renderer):
-    """The bits are those of no shadow at all, and shaders that ask for no light draw no map."""
+    """The bits equal those without shadows, and a shader without lights draws no shadow map."""
     splats, camera = random_ellipses(num=60), CAMERAS["off_center"]
     through = replace(SETTINGS, lights=tuple(replace(light, bias=1e6) for light in CASTING[:3]))
     without = replace(SETTINGS, lights=tuple(replace(light, shadow="none") for light in CASTING[:3]))
@@ -91,7 +91,7 @@ def test_a_saved_frame_tells_its_lights_and_biases(renderer, tmp_path):
 
 
 def disc_over_ground(up):
-    """A disc of radius 1/2 at height 1 over a ground of radius 3, whose normals are +z; the disc's are +z or -z."""
+    """Return a disc of radius 1/2 and normal +z or -z at height 1, over a ground of radius 3 and normal +z."""
     u, v = frames(np.array([[0.0, 0, 1], [0, 0, up]]))
     radius = np.array([[3.0], [0.5]])
     return Splats([[0, 0, 0], [0, 0, 1]], u * radius, v * radius, color=np.ones((2, 3)))
@@ -101,9 +101,9 @@ def disc_over_ground(up):
 @pytest.mark.parametrize("up", [1, -1])
 @pytest.mark.parametrize("kind", ["directional", "point", "spot"])
 def test_the_shadow_of_a_disc_is_a_disc(renderer, kind, up, shadow):
-    """Straight from above, or from a height of 5, whose shadow is 5/4 as large; whichever side faces the light."""
+    """The light is straight above. From a height of 5 the shadow is 5/4 as large. Either side may face the light."""
     vector, size = ((0, 0, 1), 0.5) if kind == "directional" else ((0, 0, 5), 0.625)
-    reach = {"directional": 7.1, "point": 12.8, "spot": 8.4}[kind]  # of the map on the ground
+    reach = {"directional": 7.1, "point": 12.8, "spot": 8.4}[kind]  # the map's side on the ground
     light = Light(kind, vector, direction=(0, 0, -1), inner=30, outer=40, shadow=shadow, bias=0.1, map_size=128)
     camera = Camera.look_at((0, -4, 3), (0, 0, 0), up=(0, 0, 1), width=48, height=40)
     settings = RenderSettings(0.01, lights=(light,), material=Material(0.25, 0.5, 0.0, 1.0), facing="cull")
@@ -121,7 +121,7 @@ def test_the_shadow_of_a_disc_is_a_disc(renderer, kind, up, shadow):
 
 
 def test_shadows_of_a_survey_are_those_at_the_origin(renderer):
-    """Far coordinates cost no precision: maps are drawn about the bounding sphere, looked up from the eye's space."""
+    """Far coordinates cost no precision: maps lie about the bounding sphere, and lookups start in eye space."""
     move = np.array([2.0**19, -(2.0**22), 96.0])
     splats, camera, light = random_ellipses(num=60), CAMERAS["off_center"], CASTING[0]
     matrix = camera.eye_from_world.copy()
@@ -134,7 +134,7 @@ def test_shadows_of_a_survey_are_those_at_the_origin(renderer):
     assert np.count_nonzero(different) <= SHADOWED_EITHER * np.count_nonzero(near_color[..., 3])
 
 
-def test_what_has_no_shadow_map_is_refused(renderer, device):
+def test_lights_without_a_shadow_map_are_refused(renderer, device):
     inside = RenderSettings(lights=(Light("point", (0.1, 0.2, 0.3), shadow="pcf"),))
     with pytest.raises(
         SettingsError, match=r"point light at \(0.1, 0.2, 0.3\) cannot cast shadows within the splats' bounding sphere"
@@ -147,7 +147,7 @@ def test_what_has_no_shadow_map_is_refused(renderer, device):
 
 
 def test_every_shader_that_asks_for_lights_asks_for_their_shadows(renderer):
-    """A user's shader sees what Phong sees; npr is the oracle's."""
+    """A user's shader sees Phong's shadows; npr agrees with the oracle."""
     camera, splats = CAMERAS["off_center"], random_ellipses(num=150)
     diffuse = replace(SETTINGS, lights=CASTING[:1], material=Material(0.0, 1.0, 0.0, 1.0))
     code = """float4 shade(const Surface s, const Scene scene) {
@@ -165,7 +165,7 @@ def test_every_shader_that_asks_for_lights_asks_for_their_shadows(renderer):
 
 
 def test_a_frame_with_its_splats_is_lit_again_with_shadows(renderer, tmp_path):
-    """The bits are those of a fresh render; a loaded frame has no splats that could cast any."""
+    """The bits equal those of a fresh render. A loaded frame has no splats, so it casts no shadows."""
     camera, splats = CAMERAS["off_center"], random_ellipses(num=60)
     plain = renderer.render(splats, camera, replace(SETTINGS, lights=(Light(),)))
     again = plain.shade(lights=CASTING)
@@ -181,7 +181,7 @@ def test_a_frame_with_its_splats_is_lit_again_with_shadows(renderer, tmp_path):
 
 
 def test_supersampled_shadows_are_those_of_the_large_image(renderer):
-    """One map for all windows: a frame of 2x2 samples is the mean of one that is twice as large."""
+    """All windows share one map, so a frame of 2x2 samples is the mean of a frame twice as large."""
     splats, camera, settings = random_ellipses(num=60), CAMERAS["off_center"], SETTINGS
     large = renderer.render(splats, enlarged(camera, 2), settings).color.astype(np.float64)
     mean = large.reshape(camera.height, 2, camera.width, 2, 4).mean(axis=(1, 3))

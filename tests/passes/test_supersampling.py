@@ -1,4 +1,4 @@
-"""Supersampling: windows have the bits of one large image, and pixels are the means that its page says."""
+"""Supersampling: windows have the bits of one large image, and pixels are the means of the specification."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ from splatcl.scene.camera import MAX_SIZE
 __all__ = ["stub"]  # a fixture
 
 SETTINGS = RenderSettings(epsilon=EPSILON)
-# Scene, camera, n, precision, tile size, margin, samples a window: whole rows, or parts of rows.
+# Scene, camera, n, precision, tile size, margin, samples per window; the windows are whole rows or parts of rows.
 WINDOWS = [
     ("random_ellipses", "off_center", 2, "single", 16, 0, 300),
     ("sphere", "orthographic", 3, "single", 16, 1, 600),
     ("giant", "inside", 2, "double", 16, 0, 100),
-    ("near_plane", "close", 3, "single", 8, 1, 100),
+    ("near_plane", "close", 3, "single", 16, 1, 100),
     ("sub_pixel", "outside", 2, "single", 32, 0, 50),
 ]
 
 
 def small(camera_name):
-    """The middle of a test camera's image: 23 x 18 pixels."""
+    """Return a camera that sees the middle 23 x 18 pixels of a test camera's image."""
     camera = CAMERAS[camera_name]
     return replace(camera, width=23, height=18, cx=camera.cx - 13, cy=camera.cy - 9)
 
 
 def windows(renderer, splats, settings):
-    """Return what draws a window, and a list that it appends each one's pixels to."""
+    """Return a function that draws a window, and a list to which it appends each window's number of pixels."""
     resident, drawn = renderer.upload(splats), []
 
     def render(camera, first):
@@ -56,7 +56,7 @@ def windows(renderer, splats, settings):
 def test_windows_have_the_bits_of_one_large_image(
     renderer_with, scene_name, camera_name, n, precision, tile_size, margin, samples
 ):
-    """Mutation: first_row left out of ray_y, of bin's pixels, of pixels_of, of visibility's or attributes' place."""
+    """Mutation: no first_row in ray_y, touched_by, pixels_of, visibility.cl or attributes.cl."""
     settings, camera = replace(SETTINGS, along="ray", precision=precision), small(camera_name)
     renderer = renderer_with(tile_size=tile_size)
     large = renderer.render(scene(scene_name), enlarged(camera, n), settings)
@@ -68,7 +68,7 @@ def test_windows_have_the_bits_of_one_large_image(
 
 
 def rich():
-    """Discs with clip lines, fields of normals and attributes."""
+    """Return discs with clip lines, normal fields and attributes."""
     plain, rng = scene("random_ellipses"), np.random.default_rng(5)
     return Splats(
         plain.center,
@@ -84,7 +84,7 @@ def rich():
 
 @pytest.mark.parametrize("method", ["zwicker04", "botsch04"])
 def test_windows_of_other_methods(renderer, method):
-    """Mutation: `column` and `row` of contribution.h not in the window."""
+    """Mutation: `column` and `row` of `vary` counted from the image instead of the window."""
     settings, camera = RenderSettings(method=method, epsilon=EPSILON), small("off_center")
     splats = rich() if method == "botsch04" else scene("random_ellipses")
     large = renderer.render(splats, enlarged(camera, 2), settings)
@@ -141,7 +141,7 @@ def test_memory_does_not_grow_with_the_samples(renderer):
 
 
 def samples_of(rng, height, width, n):
-    """AOVs as a render could leave them: empty pixels, half covered ones, equal depths, discs that weigh nothing."""
+    """Return AOVs that a render could write: empty and half-covered pixels, equal depths, discs of weight 0."""
     shape = (n * height, n * width)
     covered = rng.random(shape) < np.kron(rng.choice([0, 0.5, 1], (height, width)), np.ones((n, n)))
     hit = rng.random(shape) < 0.7
@@ -176,7 +176,7 @@ def test_pixels_are_the_oracle_s_averages(n):
 
 
 def test_a_pixel_by_hand():
-    """Four samples: nothing, a disc, the pre-filter alone, and the same depth as the disc by a lower splat."""
+    """The four samples are: empty, a disc, the pre-filter alone, and a lower splat at the disc's depth."""
     rows = {
         "color": [[0, 0, 0, 0], [0.5, 0.25, 1, 1], [1, 0, 0, 1], [0.5, 0.75, 0, 1]],
         "Z": [np.inf, 2, np.inf, 2],
@@ -195,7 +195,7 @@ def test_a_pixel_by_hand():
     assert pixel["color"] == [0.5, 0.25, 0.25, 0.75]
     assert (pixel["Z"], pixel["depth.mean"], pixel["P"]) == (2, 3, [1, 0, 3])
     assert pixel["N"] == pytest.approx([0, 0.6, -0.8], abs=SUPERSAMPLED_ROUNDING)
-    assert (pixel["weight"], pixel["count"], pixel["particleid"]) == (1, NONE, 4)  # more fragments than UINT counts
+    assert (pixel["weight"], pixel["count"], pixel["particleid"]) == (1, NONE, 4)  # the sum exceeds UINT
 
 
 # ---- a frame
@@ -217,14 +217,14 @@ def test_pixels_agree_with_the_oracle(renderer, scene_name, camera_name):
 
 
 def half_covered(renderer):
-    """A frame of 4x1 pixels whose left half a white wall covers, cut in the middle of a pixel."""
+    """Return a frame of 4x1 pixels with a white wall over its left half."""
     wall = Splats([[-8.0, 0, 4]], [[8.0625, 0, 0]], [[0, -900.0, 0]], color=[[1.0, 1, 1]])
     camera = Camera(np.eye(4), 16, 16, 1.75, 0.5, 4, 1)
     return renderer.render(wall, camera, RenderSettings(material=Material(1, 0, 0), supersampling=4))
 
 
 def test_alpha_is_coverage_and_color_is_associated(renderer):
-    """The wall ends at x = 1.75 + 16 * 0.0625 / 4 = 2, that is after two pixels; 0.125 more after half of one."""
+    """The wall ends at x = 1.75 + 16 * 0.0625 / 4 = 2, after two pixels; moved by 1/2, it covers half of the third."""
     frame = half_covered(renderer)
     np.testing.assert_array_equal(frame.color[0, :, 3], [1, 1, 0, 0])
     shifted = replace(frame.camera, cx=2.25)
@@ -245,7 +245,7 @@ def test_a_png_has_straight_alpha(renderer, tmp_path):
     np.testing.assert_array_equal(pixel, to_srgb8(np.float32([[[0.5, 0.25, 0, 0.5]]]))[0, 0])
 
 
-def test_what_is_of_samples_is_refused(renderer):
+def test_questions_about_single_samples_are_refused(renderer):
     frame = half_covered(renderer)
     for ask in (frame.add_margin, frame.add_envelope, frame.check, lambda: frame.probe(0, 0), lambda: frame["margin"]):
         with pytest.raises(SplatclError, match=r"each pixel is a mean of 16 samples, .*; render with supersampling=1"):

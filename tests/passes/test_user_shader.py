@@ -1,4 +1,4 @@
-"""A user's shader: what it sees, the examples, and how its mistakes are told."""
+"""A user's shader: its inputs, the examples, and the messages for its mistakes."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_a_user_can_write_phong(renderer, frame):
 
 
 @pytest.mark.parametrize("precision", ["single", "double"])
-def test_what_a_shader_sees(frame, precision):
+def test_the_inputs_of_a_shader(frame, precision):
     rng = np.random.default_rng(0)
     heat, b2 = rng.random((2, frame.height, frame.width)).astype(np.float32)
     own = {name: frame[name] for name in ("P", "N", "albedo", "weight")}
@@ -84,10 +84,10 @@ def test_what_a_shader_sees(frame, precision):
         inside = (x + dx >= 0) & (x + dx < frame.width) & (y + dy >= 0) & (y + dy < frame.height)
         return values[np.where(inside, y + dy, y), np.where(inside, x + dx, x)]
 
-    neighbours = np.concatenate([around(z, 1, -2)[..., None], around(frame["N"], -1, 3)], axis=-1)
+    neighbors = np.concatenate([around(z, 1, -2)[..., None], around(frame["N"], -1, 3)], axis=-1)
     time = np.float32(0.5) + b2 + 100 * y
     place = np.stack([z, frame["P"][..., 0], heat, time], axis=-1)
-    want = np.where(covered[..., None], np.where((x % 2 > 0)[..., None], neighbours, place), 0)
+    want = np.where(covered[..., None], np.where((x % 2 > 0)[..., None], neighbors, place), 0)
     np.testing.assert_allclose(got, want, rtol=1e-6)
 
 
@@ -108,7 +108,7 @@ WRONG = {
     f"{HEAD}\n{{ return s.attribute.heat; }}": "mine.cl:2: no member named 'heat'",
     f"#error too dark\n{HEAD}": "mine.cl:1: too dark",
     "float4 shade(float x) { return x; }": rf"mine.cl: must define {re.escape(HEAD)}",
-    "float4 colour(const Surface s) { return 1.0f; }": f"mine.cl: has no function {re.escape(HEAD)}",
+    "float4 color(const Surface s) { return 1.0f; }": f"mine.cl: has no function {re.escape(HEAD)}",
     "": f"shader='user' needs user_shader; set it to OpenCL C with a function {re.escape(HEAD)}",
 }
 
@@ -129,7 +129,7 @@ def test_logs_of_other_compilers():
 
 
 def test_names_of_any_kind(frame):
-    """A file's name may hold what C's strings do not, an AOV's name what its fields do not."""
+    """File names may hold characters that C strings cannot, and AOV names characters that C fields cannot."""
     wrong = replace(
         RenderSettings(**user(f"{HEAD} {{ x; }}")),
         user_shader_name='a "b"\\c.cl',

@@ -44,7 +44,7 @@ def test_the_prefilter_takes_no_part(device, scene_name):
 
 
 def facing_discs(depths, radius=1.0):
-    """Discs that face a camera at the origin, centred on its axis."""
+    """Return discs that face a camera at the origin, with centers on its axis."""
     center = np.outer(depths, [0, 0, 1.0]).astype(np.float32)
     u, v = (np.tile(np.float32(radius) * np.eye(3, dtype=np.float32)[i], (len(depths), 1)) for i in (1, 0))
     return Splats(center, u, v)
@@ -59,7 +59,7 @@ def test_equal_depths_go_to_the_lower_index(device):
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("prefilter", ["min", "none"])
 def test_near_and_far_are_inside(device, projection, prefilter):
-    """Both ends of [near, far] belong to it; the next float on either side does not."""
+    """Both ends of [near, far] are inside; the next float on either side is not."""
     settings = RenderSettings(prefilter=prefilter)
     for depth in (2.0, 7.0):
         for direction in (-np.inf, depth, np.inf):
@@ -73,8 +73,8 @@ def test_near_and_far_are_inside(device, projection, prefilter):
 
 
 def test_a_tilted_disc_is_cut_at_near_and_far(device):
-    """The plane z = 4 + x seen from the origin; near and far each cut it at a known column."""
-    # The ray of column i has x/z = s = (i - 15.5) / 16, so z = 4 / (1 - s); near 3 is s = -1/3, far 8 is s = 1/2.
+    """Near and far each cut the plane z = 4 + x at a known column."""
+    # The ray of column i has x/z = s = (i - 15.5) / 16, so z = 4 / (1 - s): near 3 is s = -1/3, far 8 is s = 1/2.
     splats = Splats([[0, 0, 4.0]], [[8.0, 0, 8]], [[0, -11.5, 0]])
     camera = Camera(np.eye(4), 16, 16, 16, 16, 32, 32, near=3, far=8)
     got = DevicePasses(device, splats, camera, RenderSettings(prefilter="none")).raster()

@@ -1,4 +1,4 @@
-"""Decimated splats keep their bounds, leave no holes and are few; what they carry is averaged or said to be lost."""
+"""Decimated splats are few, keep their error bounds and leave no holes; notes name the data that they lose."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def sphere(num=4000):
 
 
 def waves():
-    """Return a sheet with waves along x and some noise, jittered."""
+    """Return a jittered sheet with waves along x and some noise."""
     rng = np.random.default_rng(1)
     x, y = np.meshgrid(np.arange(50.0), np.arange(40.0))
     x, y = (a.ravel() + rng.uniform(-0.2, 0.2, a.size) for a in (x, y))
@@ -37,7 +37,7 @@ def waves():
 
 
 def is_covered(splats, fewer, error, angle, slack):
-    """Return whether an output splat within the bounds holds each centre, and whether one holds each whole disc."""
+    """Return whether an output splat within the bounds holds each center, and whether one holds each whole disc."""
     center, disc = np.zeros((2, len(splats)), bool)
     u, v, normal = splats.tangent_u, splats.tangent_v, fewer.normal
     rims = np.array([0 * u, *(np.cos(a) * u + np.sin(a) * v for a in RIM)])
@@ -59,7 +59,7 @@ def is_covered(splats, fewer, error, angle, slack):
     ("make", "error", "angle", "most"),
     [(sphere, 0.004, 30, 0.15), (sphere, 0.02, 30, 0.04), (sphere, 0.5, 15, 0.06), (waves, 0.1, 30, 0.06)],
 )
-def test_every_centre_is_within_the_bounds_of_a_splat_that_covers_its_disc(make, error, angle, most):
+def test_every_center_is_within_the_bounds_of_a_splat_that_covers_its_disc(make, error, angle, most):
     splats = make()
     fewer = decimate(splats, error, angle=angle)
     center, disc = is_covered(splats, fewer, error, angle, tol.BOUND_SLACK)
@@ -77,7 +77,7 @@ def test_the_bunny():
 
 
 def test_the_bound_is_two_sided():
-    """On a sphere a plane may cut off a cap twice as high as the error."""
+    """A plane may cut a cap of a sphere off that is twice as high as the error."""
     fewer = decimate(sphere(), 0.02)
     radius = np.sqrt(1 - 0.96**2)
     assert np.median(fewer.radius) > 0.9 * radius
@@ -113,12 +113,12 @@ def test_gaps_are_not_bridged_and_back_and_front_are_not_joined():
     fewer = decimate(both, 0.1)
     assert len(fewer) < 20
     assert is_covered(both, fewer, 0.1, 30, tol.BOUND_SLACK)[1].all()
-    # Between the two there are 9 - 2 * 0.75 units of nothing.
+    # The gap between the two is 9 - 2 * 0.75 units wide.
     left, right = (fewer.center - np.hypot(fewer.tangent_u, fewer.tangent_v))[:, 0], fewer.center[:, 0]
     assert not ((right > 18) & (left < 13)).any()
 
 
-def test_signs_are_ignored_where_they_mean_nothing():
+def test_signs_of_unoriented_normals_are_ignored():
     splats = sphere(1000)
     turned = np.arange(1000)[:, None] % 3 == 0
     u, v = splats.tangent_u, splats.tangent_v
@@ -142,7 +142,7 @@ def test_survey_coordinates_cost_nothing():
     assert center.all() and disc.all()
 
 
-def test_colours_and_attributes_are_means_by_area():
+def test_colors_and_attributes_are_means_by_area():
     splats = Splats(
         np.zeros((2, 3)),
         [[1.0, 0, 0], [2.0, 0, 0]],

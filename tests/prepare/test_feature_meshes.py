@@ -1,4 +1,4 @@
-"""Sharp features of meshes and of solids: everything stays covered, and nothing reaches over an edge."""
+"""Sharp features of meshes and of solids: every face stays covered, and no splat reaches over an edge."""
 
 import numpy as np
 import pytest
@@ -17,12 +17,12 @@ FANDISK = ROOT.parent / "shared" / "data" / "fandisk.off"
 
 
 def turn(p, q, r):
-    """Twice the area of a triangle in the plane, positive if counter-clockwise."""
+    """Return twice the area of a triangle in the plane, positive if counterclockwise."""
     return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
 
 
 def ears(outline):
-    """Cut a counter-clockwise outline into triangles."""
+    """Return the triangles of a counterclockwise outline, cut off ear by ear."""
     left, triangles = list(range(len(outline))), []
     while len(left) > 2:
         for k in range(len(left)):
@@ -37,7 +37,7 @@ def ears(outline):
 
 
 def prism(outline):
-    """An outline, counter-clockwise, from z = 0 to 1: vertices and faces."""
+    """Return vertices and faces of the prism over a counterclockwise outline, from z = 0 to 1."""
     num, i = len(outline), np.arange(len(outline))
     top, j = ears(outline) + num, (i + 1) % num
     sides = np.concatenate([np.stack([i, j, i + num], axis=1), np.stack([j, j + num, i + num], axis=1)])
@@ -57,7 +57,7 @@ MESHES = {
 
 
 def places_of(vertices, faces, num, seed=0):
-    """(F num, 3) random places of each triangle, some of them on its edges."""
+    """Return (F num, 3) random points of the triangles, some of them on edges."""
     share = np.random.default_rng(seed).dirichlet((0.4, 0.4, 0.4), (len(faces), num))
     share[:, ::5, 2] = 0
     share /= share.sum(axis=2, keepdims=True)
@@ -65,21 +65,21 @@ def places_of(vertices, faces, num, seed=0):
 
 
 def is_kept(splats, points, flat):
-    """Whether any splat whose plane is nearer than `flat` to a point keeps it, up to rounding."""
+    """Return whether each point is kept by a splat with its plane nearer than `flat`, up to rounding."""
     near = cKDTree(splats.center).query_ball_point(points, splats.radius.max() * (1 + 1e-9))
     point = np.repeat(np.arange(len(points)), [len(n) for n in near])
     ids = np.concatenate([np.array(n, int) for n in near])
     close = np.abs(((points[point] - splats.center[ids]) * splats.normal[ids]).sum(axis=1)) <= flat
     point, ids = point[close], ids[close]
     center = splats.center[ids]
-    shrunk = center + (points[point] - center) * (1 - tol.FEATURE)  # corners are on the rims
+    shrunk = center + (points[point] - center) * (1 - tol.FEATURE)  # corners lie on rims
     found = np.zeros(len(points), bool)
     found[point[kept(splats, ids, shrunk, tol.FEATURE)]] = True
     return found
 
 
 def on_faces(vertices, faces, points):
-    """Whether points are on any triangle, to within FEATURE_SPILL."""
+    """Return whether points are on any triangle, to within FEATURE_SPILL."""
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
@@ -102,7 +102,7 @@ def test_flat_faces_are_covered_exactly(name, max_size):
     assert not any("still" in note for note in splats.notes)
     assert is_kept(splats, places_of(vertices, faces, 60), tol.FEATURE).all()
     assert on_faces(vertices, faces, kept_places(splats, 40)[0]).all()
-    # Without lines they do jut out.
+    # Without clip lines the splats jut out.
     bare = splatcl.Splats(splats.center, splats.tangent_u, splats.tangent_v, clip=np.zeros((len(splats), 2, 3)))
     assert not on_faces(vertices, faces, kept_places(bare, 40)[0]).all()
 
@@ -115,12 +115,12 @@ def test_a_triangle_of_three_sharp_edges_becomes_four_splats():
         "cut 12 of 16 splats off at 6 edges sharper than 30 degrees",
         "split 4 triangles into four at sharp edges",
     )
-    # A cube's triangles have two sharp edges each, at a right angle: twelve splats are enough.
+    # A cube's triangles have two sharp edges each, at a right angle, so twelve splats suffice.
     square = prism(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float))
     assert len(mesh_features(*square, max_size=1)) == 12
 
 
-def test_smooth_meshes_are_left_alone_and_colours_are_kept():
+def test_smooth_meshes_are_left_alone_and_colors_are_kept():
     trimesh = pytest.importorskip("trimesh")
     ball = trimesh.creation.icosphere(3)
     color = np.random.default_rng(0).random(ball.vertices.shape)
@@ -165,22 +165,22 @@ def test_a_box_less_a_ball_ends_at_its_edges():
     splats = csg_splats(box((0, 0, 0), (1, 1, 1)) - sphere(corner, radius, (1, 0, 0)), spacing)
     inner = splats.color[:, 1] == 0
     assert len(splats) > 1500 and 100 < inner.sum() < len(splats) / 2
-    # Normals point out of the solid: on the ball's surface toward its centre.
+    # Normals point out of the solid, so those on the ball's surface point toward its center.
     assert (((corner - splats.center) * splats.normal).sum(axis=1)[inner] > 0.9 * radius).all()
-    sag = spacing**2 / (2 * radius)  # of a disc, 1.05 sqrt(1/2) spacings in radius, or of a chord through it
+    sag = spacing**2 / (2 * radius)  # above that of a disc, 1.05 sqrt(1/2) spacings in radius, or of its chord
     flat = kept_places(splats.take(~inner), 40)[0]
     assert np.abs(flat).max() < 0.5 + tol.FEATURE_SPILL
     assert np.linalg.norm(flat - corner, axis=1).min() > radius - sag
     hollow = kept_places(splats.take(inner), 40)[0]
     assert hollow.max() < 0.5 + tol.FEATURE_SPILL
-    # The faces' flat parts, up to the rim of the hollow, are covered.
+    # The flat parts of the faces are covered up to the rim of the hollow.
     rng = np.random.default_rng(0)
     angle = rng.uniform(np.pi, 1.5 * np.pi, 4000)
     rim = radius + np.where(rng.random(4000) < 0.5, 1e-6, 0.3 * rng.random(4000))
     for axis in range(3):
         points = np.insert(0.5 + rim[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1), axis, 0.5, axis=1)
         assert is_kept(splats, points, tol.FEATURE).all()
-    # And the hollow.
+    # The hollow is covered too.
     way = -np.abs(rng.normal(size=(4000, 3)))
     points = corner + radius * way / np.linalg.norm(way, axis=1, keepdims=True)
     assert is_kept(splats, points, sag).all()
@@ -192,16 +192,16 @@ def test_splats_of_a_solid_lie_between_inside_and_outside():
     splats = csg_splats(solid, 0.04)
     assert 2000 < len(splats) < 4000 and splats.notes[0].startswith(f"covered 16 surfaces with {len(splats)} splats")
     places, ids = kept_places(splats, 20)
-    step = 4e-3  # beyond the sag of the discs, 1.5e-3
+    step = 4e-3  # above the sag of the discs, 1.5e-3
     beyond = splats.normal[ids] * step
     distances = np.stack([np.abs(surface.nearest(places)[0]) for surface in solid.surfaces])
-    clear = np.sort(distances, axis=0)[1] > 3 * step  # of all surfaces but the splat's own
+    clear = np.sort(distances, axis=0)[1] > 3 * step  # far from all surfaces but the splat's own
     assert clear.mean() > 0.6
     assert solid.inside(places - beyond)[clear].all() and not solid.inside(places + beyond)[clear].any()
 
 
-def test_what_is_not_convex_takes_two_splats():
-    # A pocket's corner in one large splat: the part outside of both walls is an L.
+def test_a_part_that_is_not_convex_takes_two_splats():
+    # A pocket's corner lies in one large splat; the part outside of both walls is an L.
     solid = box((0, 0, -1), (2, 2, 2)) - box((0.5, 0.5, 0), (0.8, 0.8, 0.5))
     splats = csg_splats(solid, 2.0)
     top = np.flatnonzero((splats.center == 0).all(axis=1))

@@ -12,9 +12,9 @@ from splatcl.prepare.features.clip_lines import cut_depth, evaluate, keep_deepes
 
 
 def roofs(num, seed=0):
-    """Return splats 2k and 2k + 1 on both sides of random edges, the edges' places and directions, and whether convex.
+    """Return splats 2k and 2k + 1 on both sides of random edges, the edges' points and directions, and convexity.
 
-    In space: edge point + t along the edge + s across it, s < 0 on the first and s > 0 on the second splat's side.
+    Points are edge + t along + s across, with s < 0 on the side of splat 2k and s > 0 on the side of splat 2k + 1.
     """
     rng = np.random.default_rng(seed)
     along, across = np.empty((num, 3)), np.empty((2, num, 3))
@@ -27,7 +27,7 @@ def roofs(num, seed=0):
         fold = np.radians(rng.uniform(1, 170)) / 2 * (1 if convex[k] else -1)
         along[k], level, up = frame.T
         for side, sign in enumerate((-1, 1)):
-            across[side, k] = np.cos(fold) * level - sign * np.sin(fold) * up  # s runs from the first to the second
+            across[side, k] = np.cos(fold) * level - sign * np.sin(fold) * up  # from the first side to the second
             normal = np.cos(fold) * up + sign * np.sin(fold) * level
             center = edge[k] + rng.uniform(-0.2, 0.2) * along[k] + sign * rng.uniform(0.05, 0.6) * across[side, k]
             turn = rng.uniform(0, 2 * np.pi)
@@ -62,7 +62,7 @@ def test_both_lines_are_one_line_in_space_and_in_the_image():
     points = []
     for ids in PAIRS.T:
         a, b, c = cut.clip[ids, 0].T
-        for t in (-0.5, 0.5):  # two points on the line in disc coordinates, put into space
+        for t in (-0.5, 0.5):  # two points of the line, from disc coordinates to space
             u, v = -c * a - t * b, -c * b + t * a
             points.append(cut.center[ids] + u[:, None] * cut.tangent_u[ids] + v[:, None] * cut.tangent_v[ids])
     p, q, others = points[0], points[1], points[2:]
@@ -78,7 +78,7 @@ def test_both_lines_are_one_line_in_space_and_in_the_image():
 def test_coordinates_of_surveys_leave_the_lines_alone():
     splats = roofs(200)[0]
     far = Splats(splats.center + 2.0**22, splats.tangent_u, splats.tangent_v)
-    # The centres themselves are rounded to 2^-31 there.
+    # The centers themselves are rounded to 2^-31 there.
     np.testing.assert_allclose(clip_lines(far, PAIRS).clip, clip_lines(splats, PAIRS).clip, atol=2.0**-22)
 
 
@@ -108,13 +108,13 @@ def test_the_two_lines_that_cut_deepest_are_kept_and_the_rest_is_counted():
     clip, lost = keep_deepest(np.zeros(6, int), lines, 2)
     np.testing.assert_array_equal(clip[0], lines[[1, 2]])
     assert not clip[1].any()
-    np.testing.assert_array_equal(np.flatnonzero(lost), [0])  # neither the copy nor those that cut nothing
-    # A line beyond what the others leave is no loss.
+    np.testing.assert_array_equal(np.flatnonzero(lost), [0])  # not the copy, nor lines that cut nothing
+    # A line outside the part that the other lines leave is no loss.
     corner = normalize(np.array([[1, 0, 0.5], [0, 1, 0.5], [1, 1, 1.05]]))
     assert not keep_deepest(np.zeros(3, int), corner, 1)[1].any()
 
 
-def test_what_cannot_be_cut_is_said():
+def test_notes_name_the_cuts_that_are_dropped():
     axes = np.eye(3)
     floor = dict(center=np.zeros((1, 3)), tangent_u=axes[:1], tangent_v=axes[1:2])
     walls = [((1, 0, 0), 0.3), ((-1, 0, 0), 0.5), ((0, 1, 0), 0.7), ((0, 0, 1), 0.0)]
@@ -129,7 +129,7 @@ def test_what_cannot_be_cut_is_said():
         "dropped 1 clip lines of splats with two deeper ones",
         "1 pairs of splats are parallel and have no clip line",
     )
-    # Lines that are there already compete; of the first splat nothing is left.
+    # Given lines compete too; no part of the first splat is left.
     again = Splats(center, u, v, clip=np.where(np.arange(5)[:, None, None] == 0, [[0, -2, -4], [0, 0, 0]], 0.0))
     gone = clip_lines(again, [(0, 1)])
     np.testing.assert_allclose(gone.clip[0], [(0, -1, -2), (0, 0, 0)])
@@ -181,7 +181,7 @@ def test_the_cubes_image_is_that_of_a_box(azimuth):
     assert 300 < hit.sum() < 3000
     np.testing.assert_array_equal(np.isfinite(depth), hit)
     np.testing.assert_allclose(depth[hit], exact[hit], rtol=tol.FEATURE)
-    # All splats at the front of a pixel are of the box's own face there.
+    # All front splats of a pixel belong to the face that the pixel sees.
     np.testing.assert_array_equal(front[:, hit] // 8 == face[hit], front[:, hit] >= 0)
 
 

@@ -1,4 +1,4 @@
-"""Splats of meshes: Steiner ellipses cover their triangles, and nothing is lost on the way."""
+"""Splats of meshes: Steiner ellipses cover their triangles, and every triangle is kept."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ STEINER_AREA = 4 * np.pi / (3 * np.sqrt(3))
 def triangles(num, seed=0):
     rng = np.random.default_rng(seed)
     corners = rng.normal(size=(num, 3, 3))
-    corners[: num // 4] *= (1.0, 1.0, 1e-3)  # flat ones and, turned, slivers
+    corners[: num // 4] *= (1.0, 1.0, 1e-3)  # flat triangles; below, slivers
     corners[num // 4 : num // 2, 2] = corners[num // 4 : num // 2, :2].mean(axis=1) + 1e-3
     return corners
 
@@ -79,7 +79,7 @@ def test_large_triangles_are_halved_until_the_silhouette_is_true():
     splats = splats_from_mesh(vertices, faces)
     assert splats.radius.max() <= meshes.MAX_SIZE * np.sqrt(3)
     area = np.pi * np.linalg.norm(np.cross(splats.tangent_u, splats.tangent_v), axis=1).sum()
-    np.testing.assert_allclose(area, STEINER_AREA * 6, rtol=1e-9)  # halving neither loses nor doubles a part
+    np.testing.assert_allclose(area, STEINER_AREA * 6, rtol=1e-9)  # halving neither drops nor doubles a part
     assert "12 triangles" in splats.notes[-1]
     assert str(len(splats)) in splats.notes[-1]
 

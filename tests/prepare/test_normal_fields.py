@@ -1,4 +1,4 @@
-"""Normal fields against surfaces whose normals are known, and where there is too little to estimate them from."""
+"""Normal fields against known normals of surfaces, and from too few neighbors."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_on_a_sphere_fitted_fields_are_its_normals_to_second_order():
 
 @pytest.mark.parametrize("tangents", [((0.5, 0, 0), (0, 0.25, 0)), ((0.5, 0.1, 0), (-0.2, 0.3, 0))])
 def test_on_a_paraboloid_fields_are_exact_for_any_tangents(tangents):
-    """A disc that touches z = x^2 / 2 - x y / 4 + y^2 / 5 at the origin: n_du is minus the Hessian times t_u."""
+    """A disc touches z = x^2 / 2 - x y / 4 + y^2 / 5 at the origin, so n_du is minus the Hessian times t_u."""
     hessian = np.array([[1, -0.25], [-0.25, 0.4]])
     xy = np.random.default_rng(0).uniform(-0.3, 0.3, (300, 2))
     points = np.column_stack([xy, 0.5 * np.einsum("pi,ij,pj->p", xy, hessian, xy)])
@@ -58,7 +58,7 @@ def test_fields_are_tangential_and_zero_on_a_plane():
         np.testing.assert_allclose(np.einsum("ni,ni->n", field, round_.normal), 0.0, rtol=0, atol=tol.FIELD_EXACT)
 
 
-def test_signs_are_ignored_where_they_mean_nothing():
+def test_signs_of_unoriented_normals_are_ignored():
     splats = sphere(500)
     turned = np.arange(500)[:, None] % 3 == 0
     tangents = (
@@ -67,13 +67,13 @@ def test_signs_are_ignored_where_they_mean_nothing():
     )
     same = normal_fields(splats)
     other = normal_fields(Splats(splats.center, *tangents, oriented=False))
-    sign = np.where(turned, -1.0, 1.0)  # a normal that is turned has its field turned, and its axes are swapped here
+    sign = np.where(turned, -1.0, 1.0)  # a turned normal has a turned field, and the test swaps its axes
     du = np.where(turned, other.normal_dv, other.normal_du) * sign
     np.testing.assert_allclose(du, same.normal_du, rtol=0, atol=tol.FIELD_EXACT)
 
 
-def test_neighbours_of_another_side_have_no_part():
-    """Two sheets back to back, the lower one bent: half of the upper one's neighbours are of the lower."""
+def test_neighbors_of_another_side_have_no_part():
+    """Two sheets lie back to back, the lower one bent. Half of the upper sheet's neighbors belong to the lower."""
     upper = plane()
     normals = np.column_stack([0.3 * np.sin(upper.center[:, 0]), 0 * upper.center[:, 0], -np.ones(len(upper))])
     lower = discs(upper.center - (0.0, 0.0, 0.1), normals, 0.75)
@@ -81,7 +81,7 @@ def test_neighbours_of_another_side_have_no_part():
     np.testing.assert_allclose(field, 0.0, rtol=0, atol=tol.FIELD_EXACT)
 
 
-def test_without_enough_neighbours_the_normal_is_constant():
+def test_without_enough_neighbors_the_normal_is_constant():
     line = np.arange(9.0)[:, None] * (1.0, 0.0, 0.0)
     bent = np.column_stack([0.1 * np.arange(9.0), np.zeros(9), np.ones(9)])
     for points in (line[:0], line[:1], line[:3], line, 0 * line):

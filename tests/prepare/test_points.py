@@ -1,4 +1,4 @@
-"""Estimated splats against surfaces that are known: normals, no holes, little overlap, and difficult sets."""
+"""Estimated splats against known surfaces: normals, no holes, little overlap, and difficult point sets."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ def random_sphere(num, seed):
 
 
 def num_covering(splats, surface, normal):
-    """Return how many discs each surface point is in, seen along the surface's normal."""
+    """Return the number of discs over each surface point, seen along the surface's normal."""
     center, u, v = (a.astype(float) for a in (splats.center, splats.tangent_u, splats.tangent_v))
     num = np.zeros(len(surface), int)
     for rows in np.array_split(np.arange(len(surface)), 1 + len(surface) * len(center) // 4_000_000):
@@ -139,7 +139,7 @@ def test_points_along_a_line_touch():
 
 @pytest.mark.parametrize("seed", range(5))
 def test_points_along_any_line_touch(seed):
-    """Mutation: `PARALLEL` 0. The discs at both ends then grow tenfold in some directions."""
+    """Mutation: `PARALLEL` 0 in voronoi.py; the discs at both ends then grow tenfold in some directions."""
     direction = random_sphere(1, seed)
     points = np.arange(50)[:, None] * direction * 3
     splats = splats_from_points(points)
@@ -148,7 +148,7 @@ def test_points_along_any_line_touch(seed):
 
 
 def test_eigenvectors_are_those_of_lapack():
-    """Of flat, round, long, nearly degenerate and zero matrices. Mutation: `MIN_GAP` 0."""
+    """Matrices are flat, round, long, nearly degenerate and zero. Mutation: `MIN_GAP` 0 in points.py."""
     rng = np.random.default_rng(11)
     axes = np.linalg.qr(rng.normal(size=(4000, 3, 3)))[0]
     sizes = np.sort(10.0 ** -rng.uniform(0, 18, (4000, 3)), axis=1)

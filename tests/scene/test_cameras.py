@@ -40,8 +40,8 @@ def test_axes_and_directions_give_the_same_camera(tmp_path, axes, key, matrix):
     changes = {"eye_from_world": ..., key: matrix}
     camera = read_camera(write_json(tmp_path / "c.json", axes=axes, **changes))
     np.testing.assert_array_equal(camera.eye_from_world, OPENCV)
-    # (0.3, 0.2, 1) is 2 in front of the eye, 0.3 to the right and 0.2 above:
-    # x = 50 * 0.3/2 + 41 = 48.5 and y = 40 * -0.2/2 + 28.5 = 24.5, the centre of pixel (48, 24).
+    # (0.3, 0.2, 1) is 2 in front of the eye, 0.3 to the right and 0.2 above. It projects to
+    # x = 50 * 0.3/2 + 41 = 48.5 and y = 40 * -0.2/2 + 28.5 = 24.5, the center of pixel (48, 24).
     raster, z = camera.project((0.3, 0.2, 1))
     np.testing.assert_allclose(raster, (48.5, 24.5), rtol=1e-14)
     assert z == 2

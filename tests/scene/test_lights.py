@@ -23,7 +23,7 @@ TWO = (Light("directional", (0.3, 2.0, 1.5)), Light("headlight", color=(0.3, 0.2
 
 @pytest.mark.parametrize("inner", [10.0, 20.0])
 def test_a_spot_by_hand(renderer, inner):
-    """A spot at the eye lights a wall: wholly up to `inner`, not beyond 20 degrees, linear in the cosine between."""
+    """A spot at the eye lights a wall fully up to `inner`, not beyond 20 degrees, linearly in the cosine between."""
     camera = Camera(np.eye(4), 24, 24, 16.5, 16.5, 33, 33)
     spot = Light("spot", (0, 0, 0), (1.0, 0.5, 0.0), direction=(0, 0, 3), inner=inner, outer=20)
     settings = RenderSettings(lights=(spot,), material=Material(0.125, 0.5, 0.0, 1.0))
@@ -83,8 +83,8 @@ def test_an_even_environment_lights_every_normal_alike():
         ((8, 24), "z", (-1, 0, 0)),
     ],
 )
-def test_where_an_environment_shines_from(place, up, toward):
-    """The middle is +z, right of it is -x, the first row is up."""
+def test_directions_of_an_environment(place, up, toward):
+    """The image's middle is +z, a quarter to its right is -x, the first row is up."""
     image = np.zeros((16, 32, 3))
     image[place] = 1, 2, 3
     (light,) = environment_lights(image, up=up)

@@ -1,4 +1,4 @@
-"""Splats: which are refused, and why."""
+"""Splats: the invalid ones, and the reasons of their refusal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The house (docs/architecture.md): imports go down, a pass has its four files, files and folders stay small."""
+"""The layout of docs/architecture.md: imports go down, a pass has its four files, files and folders stay small."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ import splatcl
 
 ROOT = Path(__file__).parents[2]
 HOME = "splatcl/opencl/passes/{}.py", "kernels/passes/{}.cl", "splatcl/oracle/{}.py", "tests/passes/test_{}.py"
-"""The four places of a pass."""
+"""Patterns of the four places of a pass."""
 EVIDENCE = "splatcl/evidence/{}.py", "kernels/evidence/{}.cl", "tests/evidence/test_{}.py"
-"""The places of a question about a frame or a device; the oracle is what it asks."""
+"""Patterns of the places of a question about a frame or a device; it asks the oracle, so it has no place there."""
 QUESTIONS = ("margin", "envelope", "probe", "accounting", "doctor")
 EXCEPTIONS = {
     "kernels/passes/shadow.cl": "a shadow map is drawn by the visibility pass; kernels/shading/shadow.h reads it",
     "splatcl/oracle/occlusion.py": "no bit of an image depends on it",
     "splatcl/oracle/user_shader.py": "its text is OpenCL C",
 }
-"""Places that a pass does without, and why."""
+"""Places that a pass lacks, with the reasons."""
 CROWDED = ("splatcl/io/readers", "splatcl/cli/commands", "splatcl/apps/bench", "splatcl/oracle")
-"""Folders of more than nine modules: a row for each format, command or pass."""
+"""Folders of more than nine modules: one for each format, command or pass."""
 LONG: dict[str, str] = {}
-"""Files over 300 lines, and why they are not split."""
+"""Files over 300 lines, with the reasons not to split them."""
 
 
 def modules(root):
@@ -70,7 +70,7 @@ def broken_contracts(root):
 
 @pytest.fixture
 def copy(tmp_path):
-    """Return a copy of the sources, to spoil."""
+    """Return the folder of a copy of the sources, which a test may spoil."""
     for folder in ("splatcl", "kernels", "tests/passes", "tests/evidence"):
         shutil.copytree(ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(ROOT / "pyproject.toml", tmp_path)

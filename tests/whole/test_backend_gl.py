@@ -23,7 +23,7 @@ CI = os.environ.get("CI") == "true"
 
 @pytest.fixture(scope="module")
 def backend():
-    """The backend's module; without OpenGL the tests are skipped, but not in CI, which installs it."""
+    """Return the backend's module; skip the tests without OpenGL, except in CI, which installs it."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(ROOT / "examples" / "backend_gl")
         try:
@@ -43,7 +43,7 @@ def drawn(backend, splats, camera, settings):
 
 
 def assert_agrees(image, frame):
-    """Nearly all covered pixels are within GL_CLOSE, whatever the buffer."""
+    """Assert that nearly all covered pixels of each buffer are within GL_CLOSE."""
     covered = frame["weight"] > 0
     assert covered.any()
     allowed = GL_DIFFERENT * np.count_nonzero(covered)
@@ -84,7 +84,7 @@ def test_many_small_splats_agree(backend, renderer):
 
 
 def test_a_crop_of_a_scan_agrees(backend, renderer):
-    """Its splats have no sign and cross the border on every side."""
+    """The splats have no oriented normals, and they cross the border on every side."""
     splats = splatcl.read(SCAN)
     center, radius = splats.bounding_sphere
     whole = Camera.framing((center, radius), azimuth=20, elevation=10)
@@ -112,7 +112,7 @@ def test_discs_through_the_near_and_far_plane_agree(backend, renderer):
 
 
 def test_survey_coordinates_lose_nothing(backend):
-    """A quarter of a metre is a float32 step at 4e6."""
+    """Adjacent float32 numbers near 4e6 are a quarter of a meter apart."""
     place = np.array([5e5, 4e6, 100.0])
     near = sphere()
     far = Splats(near.center.astype(np.float64) + place, near.tangent_u, near.tangent_v, near.color)
@@ -156,7 +156,7 @@ def test_no_splats_give_an_empty_image(backend):
     ],
     ids=str,
 )
-def test_what_it_cannot_do_is_refused(backend, changed):
+def test_unsupported_settings_are_refused(backend, changed):
     with pytest.raises(SettingsError, match=next(iter(changed))):
         backend.Backend(sphere()).draw(VIEW, RenderSettings(**changed))
 

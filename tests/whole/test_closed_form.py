@@ -1,4 +1,4 @@
-"""The device against closed forms: numbers that a reader can check with a pencil."""
+"""The device against closed forms, which a reader can check with a pencil."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PLAIN = RenderSettings(epsilon=0.0, prefilter="none")
 
 
 def disc(center, radius=1.0, color=None):
-    """A disc that faces the eye: its normal is -z."""
+    """Return a disc with the normal -z, toward the eye."""
     x = np.float32(radius)
     return Splats([center], [[0, x, 0]], [[x, 0, 0]], color=color)
 
@@ -24,26 +24,26 @@ def together(*splats):
 
 
 def pinhole(width, height, focal, **kwargs):
-    """A camera at the origin, along z, principal point in the middle of the image."""
+    """Return a camera at the origin, along z, with the principal point in the middle of the image."""
     return Camera(np.eye(4), focal, focal, width / 2, height / 2, width, height, **kwargs)
 
 
 @pytest.mark.parametrize("projection", ["perspective", "orthographic"])
 @pytest.mark.parametrize("radius", [1.25, 7.25, 20.25, 100.25])
 def test_area_of_a_facing_disc(renderer, radius, projection):
-    """A disc of `radius` pixels about a pixel corner covers the pixels whose half-integer offset is that near."""
+    """A disc of `radius` pixels about a pixel corner covers the pixels with half-integer offsets up to `radius`."""
     camera = pinhole(256, 256, 64 if projection == "perspective" else 16, projection=projection)
     offset = np.arange(-128, 128) + 0.5
     within = offset[:, None] ** 2 + offset**2 <= radius**2
     frame = renderer.render(disc((0, 0, 4), radius / 16), camera, PLAIN)
     np.testing.assert_array_equal(frame["count"], within)
-    # Gauss's circle: the error of counting grows more slowly than the radius.
+    # The counting error grows more slowly than the radius (Gauss's circle problem).
     assert abs(np.count_nonzero(frame["count"]) - np.pi * radius**2) < 4 * np.sqrt(radius)
 
 
 @pytest.mark.parametrize("angle", [0, 30, 60, 75])
 def test_area_of_a_tilted_disc(renderer, angle):
-    """Orthographic, it is an ellipse: its y axis, and its area, are cos(tilt) times the disc's."""
+    """An orthographic disc is an ellipse: its y axis and its area are cos(tilt) times the disc's."""
     tilt, radius = np.radians(angle), 40.25
     splats = Splats([[0, 0, 4.0]], [[0, radius * np.cos(tilt), radius * np.sin(tilt)]], [[radius, 0, 0]])
     frame = renderer.render(splats, pinhole(128, 128, 1, near=-100, projection="orthographic"), PLAIN)
@@ -55,11 +55,11 @@ def test_area_of_a_tilted_disc(renderer, angle):
 
 
 def test_depth_of_a_tilted_plane(renderer):
-    """The plane z = 4 + x: the ray with x/z = s meets it at z = 4 / (1 - s)."""
+    """The ray with x/z = s meets the plane z = 4 + x at z = 4 / (1 - s)."""
     splats = Splats([[0, 0, 4.0]], [[40.0, 0, 40]], [[0, -40.0, 0]])
     camera = Camera(np.eye(4), 8, 8, 8.5, 8.5, 17, 17)
     frame = renderer.render(splats, camera, PLAIN)
-    # Column i has s = (i - 8) / 8. Column 8: s = 0; 12: 1/2; 4: -1/2; 0: -1; 16: s = 1 is parallel to the plane.
+    # Column i has s = (i - 8) / 8: 0 in column 8, 1/2 in 12, -1/2 in 4, -1 in 0. Column 16, s = 1, is parallel.
     for column, depth in [(8, 4.0), (12, 8.0), (4, 8 / 3), (0, 2.0), (14, 16.0), (15, 32.0)]:
         np.testing.assert_allclose(frame["Z"][6:11, column], depth, rtol=DEPTH_BY_HAND)
     assert np.isinf(frame["Z"][:, 16]).all()
@@ -70,7 +70,7 @@ def test_depth_of_a_tilted_plane(renderer):
 
 
 def test_depth_of_a_tilted_plane_orthographic(renderer):
-    """The same plane under parallel rays: column i is x = (i - 8) / 2, z = 4 + x."""
+    """Parallel rays meet the same plane at x = (i - 8) / 2 in column i, and z = 4 + x."""
     splats = Splats([[0, 0, 4.0]], [[40.0, 0, 40]], [[0, -40.0, 0]])
     camera = Camera(np.eye(4), 2, 2, 8.5, 8.5, 17, 17, near=-100, projection="orthographic")
     frame = renderer.render(splats, camera, PLAIN)
@@ -78,14 +78,14 @@ def test_depth_of_a_tilted_plane_orthographic(renderer):
     np.testing.assert_array_equal(frame["Z"], frame["depth.distance"])
 
 
-def test_a_pixel_centre_by_hand(renderer):
-    """x = fx X/Z + cx with an off-centre principal point; pixel (i, j) has its centre at (i + 1/2, j + 1/2)."""
+def test_a_pixel_center_by_hand(renderer):
+    """x = fx X/Z + cx with an off-center principal point; the center of pixel (i, j) is (i + 1/2, j + 1/2)."""
     camera = Camera(np.eye(4), 50, 40, 11.25, 28.5, 64, 48)
-    # (0.33, -0.2, 2): x = 50 * 0.165 + 11.25 = 19.5 and y = 40 * -0.1 + 28.5 = 24.5, the centre of pixel (19, 24).
+    # (0.33, -0.2, 2): x = 50 * 0.165 + 11.25 = 19.5 and y = 40 * -0.1 + 28.5 = 24.5, the center of pixel (19, 24).
     frame = renderer.render(disc((0.33, -0.2, 2.0), 0.02), camera, PLAIN)
     assert [(int(y), int(x)) for y, x in np.argwhere(frame["count"])] == [(24, 19)]
     np.testing.assert_allclose(frame["P"][24, 19], (0.33, -0.2, 2), rtol=1e-6)
-    # Half a pixel right and down of it is a corner: four pixels, at the same distance.
+    # The pixel's lower right corner is equally far from four pixels.
     frame = renderer.render(disc((0.35, -0.175, 2.0), 0.04), camera, PLAIN)
     assert {(int(y), int(x)) for y, x in np.argwhere(frame["count"])} == {(24, 19), (24, 20), (25, 19), (25, 20)}
     weights = frame["weight"][24:26, 19:21]
@@ -93,7 +93,7 @@ def test_a_pixel_centre_by_hand(renderer):
 
 
 def test_the_world_is_seen_the_right_way_up(renderer):
-    """World y up, seen from +z: a splat at +x is to the right, one at +y is above."""
+    """The eye at +z sees world y up: a splat at +x is on the right, one at +y is above."""
     camera = Camera.look_at((0, 0, 4), (0, 0, 0), width=32, height=32)
     right, above = (renderer.render(disc(c, 0.2), camera, PLAIN)["count"] for c in ((1, 0, 0), (0, 1, 0)))
     assert right[:, 16:].any() and not right[:, :16].any()
@@ -102,7 +102,7 @@ def test_the_world_is_seen_the_right_way_up(renderer):
 
 @pytest.mark.parametrize("along", ["z", "ray"])
 def test_layers_just_inside_and_just_outside_epsilon(renderer, along):
-    """Facing layers at z = 2 and 2.25: epsilon = 1/4 includes the second, one ulp of depth less does not."""
+    """Facing layers are at z = 2 and 2.25: epsilon = 1/4 includes the second, one ulp of depth less does not."""
     layers = together(disc((0, 0, 2.25)), disc((0, 0, 2.0)))
     camera = Camera(np.eye(4), 8, 8, 8.5, 8.5, 17, 17)
     for epsilon, count in [(0.25, 2), (0.25 - 2**-22, 1), (0.5, 2), (0.0, 1)]:
@@ -112,7 +112,7 @@ def test_layers_just_inside_and_just_outside_epsilon(renderer, along):
 
 
 def test_epsilon_along_an_oblique_ray(renderer):
-    """At x/z = 3/4 the ray is 5/4 as long as z: the layer 1/4 behind is 5/16 behind along it."""
+    """The ray at x/z = 3/4 is 5/4 as long as z, so the layer 1/4 behind is 5/16 behind along the ray."""
     layers = together(disc((0, 0, 2.0), 4.0), disc((0, 0, 2.25), 4.0))
     camera = Camera(np.eye(4), 8, 8, 8.5, 8.5, 17, 17)
     counts = [
@@ -123,8 +123,8 @@ def test_epsilon_along_an_oblique_ray(renderer):
 
 
 @pytest.mark.parametrize(("projection", "focal"), [("perspective", 4), ("orthographic", 1)])
-def test_weight_at_the_centre_and_the_rim(renderer, projection, focal):
-    """1 at the centre, e^-2 at the rim, e^-1/2 half way; the rim belongs to the splat and the next pixel does not."""
+def test_weight_at_the_center_and_the_rim(renderer, projection, focal):
+    """The weight is 1 at the center, e^-1/2 halfway, e^-2 at the rim, which belongs to the splat, and 0 beyond."""
     camera = Camera(np.eye(4), focal, focal, 8.5, 8.5, 17, 17, projection=projection)
     weight = renderer.render(disc((0, 0, 4), 4.0), camera, PLAIN)["weight"]
     assert weight[8, 8] == 1
@@ -140,7 +140,7 @@ def test_weight_at_the_centre_and_the_rim(renderer, projection, focal):
 
 @pytest.mark.parametrize("precision", ["single", "double"])
 def test_the_exponential_along_a_radius(renderer, precision):
-    """w = exp(-cutoff^2 r^2 / 2) at r = k/64, where r^2 is exact: the exponential itself."""
+    """w = exp(-cutoff^2 r^2 / 2) at r = k/64 tests the exponential alone, because r^2 is exact."""
     camera = Camera(np.eye(4), 1, 1, 64.5, 0.5, 129, 1, projection="orthographic")
     r_squared = (np.arange(-64, 65) / 64) ** 2
     for cutoff in (1.0, 2.0, 3.0, 5.0, 8.0):
@@ -151,7 +151,7 @@ def test_the_exponential_along_a_radius(renderer, precision):
 
 
 def test_weights_of_a_table(renderer):
-    """Samples at r = 0, 1/2, 1: nearest takes the upper one at r = 1/4 and 3/4, linear takes the mean."""
+    """Samples are at r = 0, 1/2, 1. At r = 1/4 and 3/4, nearest takes the upper one and linear the mean."""
     camera = Camera(np.eye(4), 1, 1, 8.5, 8.5, 17, 17, projection="orthographic")
     table = {"kernel": "table", "kernel_table": (1.0, 0.5, 0.25), "prefilter": "none"}
     nearest, linear = (
@@ -163,7 +163,7 @@ def test_weights_of_a_table(renderer):
 
 
 def test_the_prefilter_of_a_point(renderer):
-    """A disc of 1/100 pixel at a pixel's centre: radius 1 reaches the four neighbours, their weight is e^-2."""
+    """The pre-filter of a disc of 1/100 pixel at a pixel's center reaches the four neighbors with weight e^-2."""
     camera = Camera(np.eye(4), 8, 8, 8.5, 8.5, 17, 17)
     frame = renderer.render(disc((0, 0, 4), 0.005), camera, RenderSettings(epsilon=0.0))
     cross = np.zeros((17, 17), bool)
@@ -177,8 +177,8 @@ def test_the_prefilter_of_a_point(renderer):
     assert np.count_nonzero(wide["count"]) == 13
 
 
-def test_constant_colour_comes_out_as_it_went_in(renderer):
-    """A weighted mean of equal values, whatever the weights and however many."""
+def test_a_constant_color_is_kept(renderer):
+    """The weighted mean of any number of equal values is that value, for any weights."""
     splats, color = random_ellipses(seed=5, num=400), np.float32([0.1, 0.7, 0.3333])
     splats = Splats(splats.center * 0.5, splats.tangent_u * 3, splats.tangent_v * 3, color=np.tile(color, (400, 1)))
     camera = Camera.look_at((0, 0, 3), (0, 0, 0), width=61, height=47)
@@ -209,11 +209,11 @@ def test_a_splat_larger_than_the_image_covers_it(renderer, size):
 
 
 def test_the_eye_inside_the_scene(renderer):
-    """A floor disc below the eye passes under and behind it: only what is in front is drawn, to the horizon."""
-    floor = Splats([[0, 1.0, 0]], [[100.0, 0, 0]], [[0, 0, -100.0]])  # y down: one unit below, through the eye plane
+    """A floor disc passes under and behind the eye; the part in front is drawn, up to the horizon."""
+    floor = Splats([[0, 1.0, 0]], [[100.0, 0, 0]], [[0, 0, -100.0]])  # y is down: below the eye, through its plane
     camera = Camera(np.eye(4), 16, 16, 16.5, 16.5, 33, 33, near=0.5)
     frame = renderer.render(floor, camera, PLAIN)
-    # Row j has y/z = (j - 16) / 16, so z = 16 / (j - 16): below the horizon (row 16) it falls to 1.
+    # Row j has y/z = (j - 16) / 16, so z = 16 / (j - 16) falls to 1 below the horizon (row 16).
     for row in (17, 20, 24, 32):
         np.testing.assert_allclose(frame["Z"][row, 16], 16 / (row - 16), rtol=DEPTH_BY_HAND)
     assert not frame["count"][:17].any() and frame["count"][17:].all()
@@ -232,7 +232,7 @@ def test_the_largest_promised_image(renderer):
 
 
 def check_discs_in_the_corners(renderer, width, height):
-    """A disc of 10.25 pixels in each corner and one in the middle, counted exactly."""
+    """Assert exact pixel counts of five discs of 10.25 pixels: one in each corner and one in the middle."""
     camera = pinhole(width, height, 1024)
     places = [(x, y) for x in (12, width - 12) for y in (12, height - 12)] + [(width // 2, height // 2)]
     offset = np.arange(-12, 12) + 0.5

@@ -1,4 +1,4 @@
-"""Every link, picture and anchor of every page leads somewhere, every path exists, every command's options do too."""
+"""Every link, picture and anchor of every page has a target; every path and every option of a command exists."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ OUTSIDE = re.compile(r"[a-z][a-z0-9+.-]*:|//")
 
 PATH = re.compile(r"(?<![\w./{-])(?:(?:splatcl|kernels|docs|tests|examples|reference_images)/[\w./-]*\w|\.ci/\w+)")
 PLACEHOLDER = re.compile(r"[/_]W\.")
-"""Of a pass, in the table of its four places."""
+"""Pattern of a pass' name, in the table of its four places."""
 ELSEWHERE = ("CHANGELOG.md", "reference_images/scans/README.md")
-"""Pages with paths of earlier versions or of other repositories."""
+"""Pages that name paths of earlier versions or of other repositories."""
 
 
 def tracked(root: Path) -> set[str]:
-    """Return the files that git holds, or would take, and their folders, relative to the root."""
+    """Return the files that git tracks or does not ignore, and their folders, relative to the root."""
     listing = ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"]
     names = subprocess.run(listing, cwd=root, check=True, capture_output=True, text=True).stdout.split("\0")
     files = [Path(name) for name in names if name and (root / name).exists()]
@@ -40,7 +40,7 @@ def prose(text: str) -> str:
 
 
 def anchors(page: str) -> set[str]:
-    """Return the names after `#`: headings as GitHub writes them, a second one with -1, and `<a id>`."""
+    """Return the anchors of a page: `<a id>`, and headings as GitHub writes them, the second of a name with -1."""
     names: dict[str, int] = {}
     found = set(re.findall(r"<a (?:id|name)=\"([^\"]+)\"", page))
     text = re.sub(r"^( *)(```+|~~~+).*?^\1\2", "", page, flags=re.DOTALL | re.MULTILINE)
@@ -53,7 +53,7 @@ def anchors(page: str) -> set[str]:
 
 
 def broken(root: Path) -> Iterator[str]:
-    """Yield `page: target` for every relative link that leads nowhere."""
+    """Yield `page: target` for every relative link without a target."""
     files = tracked(root)
     for name in sorted(file for file in files if file.endswith(".md")):
         page = (root / name).read_text()
@@ -69,7 +69,7 @@ def broken(root: Path) -> Iterator[str]:
 
 
 def lost_paths(root: Path) -> Iterator[str]:
-    """Yield `page: path` for every path in a page's text that the repository does not have."""
+    """Yield `page: path` for every path in a page's text that the repository lacks."""
     files = tracked(root)
     for name in sorted(file for file in files if file.endswith(".md") and file not in ELSEWHERE):
         text = re.sub(r"\]\([^)]*\)", "]", (root / name).read_text())
@@ -79,7 +79,7 @@ def lost_paths(root: Path) -> Iterator[str]:
 
 
 def commands(page: Path) -> list[list[str]]:
-    """Return the words after `splatcl` of every `$ splatcl` of a page, without what follows # or |."""
+    """Return the words after `splatcl` of every `$ splatcl` of a page, up to # or |."""
     blocks = re.findall(r"^```console\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
     lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
     return [shlex.split(re.split(r"[#|]", line)[0])[2:] for line in lines if line.startswith("$ splatcl ")]
@@ -108,7 +108,7 @@ def test_every_picture_is_shown_on_a_page():
 
 
 def test_wrong_links_are_found(tmp_path):
-    """The first five links of this page are right. Mutation: `inside = True`."""
+    """The first five links are right. Mutation: `inside = True`."""
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / "page.md").write_text(
@@ -125,7 +125,7 @@ def test_wrong_links_are_found(tmp_path):
 
 
 def test_lost_paths_are_found(tmp_path):
-    """Mutation: of `PATH`, the first group; links have a test of their own."""
+    """Mutation: `PATH` without its list of folders. Another test checks links."""
     subprocess.run(["git", "init", "-q"], cwd=tmp_path, check=True)
     (tmp_path / "kernels" / "passes").mkdir(parents=True)
     (tmp_path / "kernels" / "passes" / "bin.cl").write_text("")

@@ -1,6 +1,6 @@
-"""Any numbers at all: Splats, Camera and settings are refused with an error of ours, or render without a NaN.
+"""Any numbers: Splats, Camera and settings raise a SplatclError, or render without a NaN.
 
-Byte-mutated files are in test_io_bad.py.
+io/test_damaged_files.py mutates the bytes of files.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ def rows(elements, num=3):
 
 @st.composite
 def any_splats(draw, further=()):
-    """Splats of one magnitude each for centres and tangents, or None where they are refused.
+    """Return splats with one magnitude of the centers and one of the tangents, or None if they are refused.
 
-    `further` names what they have of clip lines, normal fields, gloss and attributes.
+    `further` names their extras: clip, field, gloss, attribute.
     """
     center, tangents = draw(rows(draw(SCALES))), draw(SCALES)
     parts, scale = {}, draw(SCALES)
@@ -51,7 +51,7 @@ def any_splats(draw, further=()):
 
 ANY_SIZE = st.tuples(st.integers(1, 40), st.integers(1, 40))
 FEW_SIZES = st.sampled_from([(1, 1), (1, 33), (40, 31)])
-"""Few sizes, as each compiles the kernels of single pixels anew."""
+"""Few image sizes, because each compiles the kernels of single pixels anew."""
 
 
 @st.composite
@@ -85,7 +85,7 @@ LIGHTS = st.lists(
     ),
     max_size=3,
 ).map(tuple)
-COMBINATIONS = (  # few, as each is compiled: settings, and what the splats have
+COMBINATIONS = (  # settings and the splats' extras; few, because each compiles programs
     ({"prefilter": "min"}, ()),
     ({"prefilter": "min", "facing": "flip", "precision": "double"}, ()),
     ({"prefilter": "none", "facing": "cull"}, ()),
@@ -96,12 +96,12 @@ COMBINATIONS = (  # few, as each is compiled: settings, and what the splats have
     ({"method": "botsch03", "facing": "cull", "precision": "double", "target": "unorm8"}, ("attribute",)),
 )
 FEW_COMBINATIONS = (*COMBINATIONS[:3], COMBINATIONS[6])
-"""Three combinations whose programs other tests build as well, and one with all that splats may have."""
+"""Three combinations whose programs other tests build too, and one with all extras."""
 
 
 @st.composite
 def any_settings(draw, combination):
-    """Settings with those of a combination, or None where they are refused."""
+    """Return settings that include those of a combination, or None if they are refused."""
     try:
         return RenderSettings(
             epsilon=draw(st.one_of(st.just("auto"), st.floats(0, 1e6))),
@@ -120,13 +120,13 @@ def any_settings(draw, combination):
 
 @st.composite
 def any_frame(draw, combinations, sizes):
-    """Splats, a camera and settings of one combination; None for what is refused."""
+    """Return splats, a camera and settings of one combination, each None if refused."""
     combination, further = draw(st.sampled_from(combinations))
     return draw(any_splats(further)), draw(any_camera(sizes)), draw(any_settings(combination))
 
 
 def check(frame, camera, choices):
-    """What is true of every frame."""
+    """Assert the properties of every frame."""
     shape = (camera.height, camera.width)
     for name in frame:
         assert frame[name].shape[:2] == shape
@@ -136,7 +136,7 @@ def check(frame, camera, choices):
     assert ((z[hit] >= camera.near * (1 - 1e-6)) & (z[hit] <= camera.far * (1 + 1e-6))).all()
     assert np.array_equal(hit, frame["particleid"] != 0xFFFFFFFF)
     assert not (weight[count == 0] > 0).any()
-    if choices.target == "auto":  # others round small weights to 0
+    if choices.target == "auto":  # the other targets round small weights to 0
         assert (weight[count > 0] > 0).all()
     assert (count[hit] > 0).all()
     assert np.array_equal(frame.color[..., 3], (weight > 0).astype(frame.color.dtype))
@@ -147,7 +147,7 @@ def check(frame, camera, choices):
 @FUZZ
 @given(frame=any_frame(FEW_COMBINATIONS, FEW_SIZES))
 def test_whatever_is_accepted_renders(renderer, frame):
-    """Caught: a mean depth that is divided by a weight sum of 0; a normal sum of length 0 that is normalised."""
+    """Mutations: the mean depth divided by a weight sum of 0; a normal sum of length 0 normalized."""
     check_if_accepted(renderer, *frame)
 
 
@@ -162,7 +162,7 @@ def check_if_accepted(renderer, splats, camera, choices):
     assume(splats is not None and camera is not None and choices is not None)
     try:
         frame = renderer.render(splats, camera, choices)
-    except InvalidSplatsError:  # circles about the largest discs, and halves of the largest numbers, may be too large
+    except InvalidSplatsError:  # circles and halves of the largest splats may be too large
         assert choices.circular or choices.half_inputs
         assert max(splats.radius.max(), np.abs(splats.bounds).max()) > 5e14
         return

@@ -1,7 +1,7 @@
-"""The same bits everywhere: the golden images of splatcl/golden.json in every way of working.
+"""The golden images (splatcl/evidence/golden/golden.json) have the same bits in every way of working.
 
-.ci/runtimes does this on five runtimes. Each test names a mutation that was put in by hand, and failed it; those of
-`ROUNDINGS` are put in here.
+.ci/runtimes checks them on five runtimes. Each docstring names a mutation that failed the test when put in by hand;
+test_another_rounding_is_noticed puts in those of `ROUNDINGS`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ print(renderer._device.info.handle.max_compute_units, len(images), *golden.check
 SUM = "h.u = (s->u_x * h.dx + s->u_y * h.dy) + s->u_1;"
 QUEUED = "place[num] = i;\n    num += near_z[i] <= farthest;"
 ROOT_TEXT = "#if ON_POCL && LANES == 8 && !DOUBLE && defined(__AVX__)"
-ROUNDINGS = {  # one rounding, or the order of two, and another in its place
+ROUNDINGS = {  # code, and a replacement with another rounding or another order of two roundings
     "association": ("(a.x * b.x + a.y * b.y) + a.z * b.z", "a.x * b.x + (a.y * b.y + a.z * b.z)"),
     "order of sums": (
         QUEUED,
@@ -61,7 +61,7 @@ ROUNDINGS = {  # one rounding, or the order of two, and another in its place
 
 
 def altered_kernels(monkeypatch, good, bad):
-    """Build every kernel with `bad` in place of `good`."""
+    """Build every later kernel with `bad` in place of `good`; return a list of whether each had `good`."""
     import pyopencl as cl
 
     real, found = cl.Program, []
@@ -75,9 +75,9 @@ def altered_kernels(monkeypatch, good, bad):
 
 
 FEW = ("ordinary", "near_plane", "edge_on", "sub_pixel", "sub_pixel_bounds", "layers_front", "along_ray", "lights")
-"""Scenes that share their programs, which are a tenth of all scenes' programs."""
+"""Scenes that share programs: a tenth of the programs of all scenes."""
 METHODS = ("zwicker04", "tiny_everything")
-"""Scenes of two methods; the second has all that splats may have."""
+"""Scenes of two methods; the splats of the second have all extras."""
 
 
 def check_few(renderer):
@@ -89,18 +89,18 @@ def check_few_and_methods(renderer):
 
 
 def check_plain(renderer):
-    """Check the scenes of [BHZK05]'s method: a minute less to compile than for all."""
+    """Check the scenes of [BHZK05]'s method, which compile a minute faster than all scenes."""
     return golden.check(renderer, [scene.name for scene in golden.scenes() if scene.plain])
 
 
 SLOW = pytest.mark.slow
-"""Marks checks that compile for half a minute; .ci/runtimes does most of them as well, on every runtime."""
+"""Mark of checks that compile for half a minute; .ci/runtimes runs most of them too, on every runtime."""
 ALL = pytest.param(golden.check, marks=SLOW)
 PLAIN = pytest.param(check_plain, marks=SLOW)
 
 
 def ways(name, fast, *others):
-    """Parametrize a way of working and its check: few scenes for `fast`, and slowly the plain scenes for every way."""
+    """Parametrize a way of working and its check: few scenes for `fast`, the plain scenes (slow) for every way."""
     slow = [pytest.param(way, check_plain, marks=SLOW) for way in (fast, *others)]
     return pytest.mark.parametrize((name, "check"), [(fast, check_few), *slow])
 
@@ -148,7 +148,7 @@ def test_tile_sizes(tile_size, check):
 
 @pytest.mark.parametrize("every", [False, pytest.param(True, marks=SLOW)])
 def test_tiles_and_lanes_of_every_method(scenes, every):
-    """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in tile.h's block_offsets."""
+    """Mutation: `lane / 4 * REGION + lane % 4` in block_offsets, 4 in place of BLOCK_X."""
     names = [name for name, scene in scenes.items() if not scene.plain and scene.settings.precision == "single"]
     assert set(METHODS) < set(names)
     assert golden.check(Renderer(lanes=4, tile_size=32), names if every else METHODS) == []
@@ -156,7 +156,7 @@ def test_tiles_and_lanes_of_every_method(scenes, every):
 
 @ways("lanes", 1, 4, 16)
 def test_lanes(lanes, check):
-    """Mutation: `lane / 4 * REGION + lane % 4` in place of BLOCK_X in attributes.cl's add_large_box."""
+    """Mutation: `row * 4 + column` in add_large_box, 4 in place of BLOCK_X."""
     if lanes == 16 and "PoCL 3.0" in choose_device().version:
         with pytest.raises(DeviceError, match="cannot compile 16-wide square roots"):
             Renderer(lanes=lanes)
@@ -166,7 +166,7 @@ def test_lanes(lanes, check):
 
 @pytest.mark.parametrize(
     ("tile_size", "check"),
-    [(8, check_few_and_methods), *(pytest.param(*way, marks=SLOW) for way in ((8, golden.check), (16, check_plain)))],
+    [(16, check_few_and_methods), *(pytest.param(*way, marks=SLOW) for way in ((8, golden.check), (16, check_plain)))],
 )
 def test_a_work_item_per_pixel(tile_size, check):
     """Mutation: `part / (TILE / 2)` in place of `part / REGIONS_X` in region_of."""
@@ -175,14 +175,14 @@ def test_a_work_item_per_pixel(tile_size, check):
 
 @ways("group", 16, 1, 32)
 def test_group_sizes_of_pixels(monkeypatch, group, check):
-    """Mutation: visibility's region_of given `get_group_id(0) * get_local_size(0) / 64 * 64 + get_local_id(0)`."""
+    """Mutation: region_of in visibility.cl takes `get_group_id(0) * get_local_size(0) / 64 * 64 + get_local_id(0)`."""
     monkeypatch.setattr(context, "PIXEL_GROUP", group)
     assert check(Renderer(mapping="pixel")) == []
 
 
 @pytest.mark.parametrize("check", [check_few_and_methods, ALL])
 def test_group_sizes_of_tiles_chunks_and_images(monkeypatch, check):
-    """Mutation: visibility's region_of given `get_group_id(0)`."""
+    """Mutation: region_of in visibility.cl takes `get_group_id(0)`."""
 
     def call(program, queue, name, size, group, *args):
         groups = tuple(next(n for n in (4, 3, 2, 1) if length % n == 0) for length in size)
@@ -194,7 +194,7 @@ def test_group_sizes_of_tiles_chunks_and_images(monkeypatch, check):
 
 @pytest.mark.parametrize(("least", "most"), [(16, 1000), (48, 3)])
 def test_chunks_and_bands(monkeypatch, least, most):
-    """Mutation: bin_scatter's loop from `end - 1` down to `begin`."""
+    """Mutation: the loop of bin_scatter runs from `end - 1` down to `begin`."""
     bands = bin_pass.bands
     monkeypatch.setattr(bin_pass, "MIN_CHUNK", least)
     monkeypatch.setattr(bin_pass, "MAX_CHUNKS", most)
@@ -204,14 +204,17 @@ def test_chunks_and_bands(monkeypatch, least, most):
 
 @pytest.mark.parametrize("check", [check_few, PLAIN])
 def test_quarters_of_tiles(monkeypatch, check):
-    """As where a few tiles hold most splats. Mutation: `part / REGIONS` in place of `part / REGIONS_X` in region_of."""
+    """Work-items take quarters of tiles where a few tiles hold most splats.
+
+    Mutation: `part / REGIONS` in place of `part / REGIONS_X` in region_of.
+    """
     monkeypatch.setattr(context, "FEW_TILES", 1000)
     monkeypatch.setattr(context, "MANY_ENTRIES", -1)
     assert check(Renderer()) == []
 
 
 def test_threads():
-    """Mutation: bin_scatter takes `atomic_inc(tile_offsets + tile)` in place of its chunk's `offsets[tile]++`."""
+    """Mutation: `atomic_inc(tile_offsets + tile)` in place of `offsets[tile]++` in bin_scatter."""
     if len(os.sched_getaffinity(0)) < 2:
         pytest.skip("one core")
     outputs = []
@@ -226,7 +229,7 @@ def test_threads():
 
 @pytest.mark.parametrize("check", [check_few, PLAIN])
 def test_our_own_division_and_square_root(monkeypatch, check):
-    """Where a runtime does not round its own correctly. Mutation: NEWTON_STEPS two fewer."""
+    """divide.h replaces operations that a runtime does not round correctly. Mutation: NEWTON_STEPS two fewer."""
     renderer = Renderer()
     monkeypatch.setattr(renderer._device.strictness, "options", lambda _: {"EXACT_DIVIDE": 0, "EXACT_SQRT": 0})
     assert check(renderer) == []

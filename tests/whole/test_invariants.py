@@ -1,4 +1,4 @@
-"""What must not change an image, or must change it in a known way, whatever the scene."""
+"""Invariants of any scene: changes that keep the image, or change it in a known way."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def assert_groupings_change_no_bit(renderer_with, groupings, name, seed, camera,
 @settings(bounded, max_examples=12)
 @given(scene_names, seeds, st.sampled_from([CAMERAS["close"], CAMERAS["off_center"]]), choices)
 def test_two_groupings_change_no_bit(renderer_with, name, seed, camera, chosen):
-    """Use settings that share their programs."""
+    """The settings share their programs."""
     chosen = replace(chosen, prefilter="min", facing="flip")
     assert_groupings_change_no_bit(renderer_with, [(1, 16), (4, 32)], name, seed, camera, chosen)
 
@@ -80,7 +80,7 @@ def test_two_runs_are_the_same(renderer, renderer_with, name, seed, camera, chos
 @bounded
 @given(scene_names, seeds, cameras, choices, st.randoms(use_true_random=False))
 def test_a_permuted_batch(renderer, name, seed, camera, chosen, random):
-    """The same coverage and depth, bit for bit; the sums are taken in another order."""
+    """Coverage and depth keep their bits; the sums are taken in another order."""
     splats = SCENES[name](seed)
     order = list(range(len(splats)))
     random.shuffle(order)
@@ -89,7 +89,7 @@ def test_a_permuted_batch(renderer, name, seed, camera, chosen, random):
         assert a[exact].tobytes() == b[exact].tobytes()
     hit = a["particleid"] != NONE
     np.testing.assert_array_equal(hit, b["particleid"] != NONE)
-    # (Of two splats at exactly the same depth the lower index is in front: none here.)
+    # No two splats have exactly the same depth, where the lower index would be in front.
     np.testing.assert_array_equal(a["particleid"][hit], np.array(order)[b["particleid"][hit]])
     np.testing.assert_allclose(a["weight"], b["weight"], rtol=PERMUTED)
     np.testing.assert_allclose(a["albedo"], b["albedo"], rtol=PERMUTED)
@@ -98,7 +98,7 @@ def test_a_permuted_batch(renderer, name, seed, camera, chosen, random):
 @bounded
 @given(scene_names, seeds, cameras, choices, st.integers(0, 200))
 def test_a_split_batch(renderer, name, seed, camera, chosen, cut):
-    """Depth of the whole is the lesser of the parts' depths, bit for bit, and the front splat is that one's."""
+    """The depth of the whole is the lesser depth of the parts, bit for bit, and so is its front splat."""
     splats = SCENES[name](seed)
     parts = splats.take(slice(0, cut)), splats.take(slice(cut, None))
     whole, first, second = (arrays(renderer.render(s, camera, chosen)) for s in (splats, *parts))
@@ -116,12 +116,12 @@ OUTSIDE = CAMERAS["outside"]
 @bounded
 @given(scene_names, seeds, choices, st.sampled_from(["behind", "beside", "above", "beyond", "before"]))
 def test_splats_off_screen_change_nothing(renderer, name, seed, chosen, where):
-    """Also at the near plane and beyond far; the ids stay, since the others come after."""
+    """Such splats lie before the near plane and beyond far too. They come last, so the ids stay."""
     camera = replace(OUTSIDE, near=0.5, far=8.0)
     rng = np.random.default_rng(seed)
     num = 70
     u, v = frames(rng.normal(size=(num, 3)))
-    # World offsets from the eye at (0, 0, 3), which looks along -z: the view is 0.42 z high, 0.54 z wide to a side.
+    # World offsets from the eye at (0, 0, 3), which looks along -z. The view reaches 0.42 z up and 0.54 z sideways.
     middle = {
         "behind": (0, 0, 9),
         "beside": (12, 0, -3),
@@ -139,20 +139,20 @@ def test_splats_off_screen_change_nothing(renderer, name, seed, chosen, where):
 
 
 def dyadic(rng, low, high, shape, step):
-    """Random multiples of `step`, a power of two."""
+    """Return random multiples of `step`, a power of two."""
     return rng.integers(int(low / step), int(high / step), shape) * step
 
 
 @bounded
 @given(seeds, choices, st.integers(-40, 40), st.integers(-40, 40), st.sampled_from(["perspective", "orthographic"]))
 def test_a_shifted_principal_point_shifts_the_image(renderer, seed, chosen, dx, dy, projection):
-    """By whole pixels, and every bit of it.
+    """The image moves by whole pixels and keeps every bit.
 
-    The kernels know a splat by its projected centre, split into a whole pixel and an offset. Where that is
-    computed without rounding, a shift of cx by a whole number changes the pixel alone, and then everything
-    else has the same bits: x = fx X/Z + cx is exact for a power of two Z, and X, fx, cx with few bits, which
-    fit two floats with room to spare. (A rotation or a general Z rounds the last of 48 bits, which now and
-    then shows in the last bit of an offset.) The position P is that of the ray, so it does not move.
+    The kernels describe a splat from its projected center, split into a whole pixel and an offset. If this split is
+    exact, a shift of cx by a whole number changes the pixel alone, and all other numbers keep their bits. The split is
+    exact for a power of two Z, and X, fx, cx with few bits: x = fx X/Z + cx then fits two floats. (A rotation or a
+    general Z rounds the last of 48 bits, which sometimes shows in the last bit of an offset.) The position P belongs to
+    the ray, so it does not move.
     """
     rng = np.random.default_rng(seed)
     num, size = 150, 64
@@ -173,7 +173,7 @@ def test_a_shifted_principal_point_shifts_the_image(renderer, seed, chosen, dx, 
 @bounded
 @given(seeds, cameras, st.sampled_from([(5e5, 4.1e6, 120.0), (-(2.0**21), 2.0**22, 0), (0, 0, 1e5)]))
 def test_a_world_far_from_its_origin(renderer, seed, camera, offset):
-    """Survey coordinates in float64: the scene moved with its camera looks the same to the tolerances."""
+    """A scene at survey coordinates, in float64, looks the same to its moved camera, within the tolerances."""
     chosen, splats = RenderSettings(epsilon=0.03125), random_ellipses(seed)
     matrix = camera.eye_from_world.copy()
     matrix[:3, 3] -= matrix[:3, :3] @ offset
@@ -192,7 +192,7 @@ def test_a_world_far_from_its_origin(renderer, seed, camera, offset):
 @bounded
 @given(seeds, st.sampled_from([2.0**-8, 0.25, 1024.0, 2.0**20]))
 def test_a_scaled_world_keeps_its_bits(renderer, seed, scale):
-    """Powers of two: lengths scale exactly, coverage, weights and colours keep their bits."""
+    """Powers of two scale lengths exactly; coverage, weights and colors keep their bits."""
     splats = random_ellipses(seed)
     camera = replace(OUTSIDE, near=0.5, far=8.0)
     matrix = camera.eye_from_world.copy()

@@ -1,4 +1,4 @@
-"""The kernels' sources: includes go down, every header compiles alone, names say the file and mean one thing."""
+"""The kernels' sources: includes go down, every header compiles alone, names tell the file and mean one thing."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from splatcl.opencl.device import structs as layout
 from splatcl.opencl.device.program import INCLUDE, Program, file_of
 
 FOLDERS = ("arithmetic", "splat", "projection", "shading", "passes", "evidence", "bench")
-"""A file includes only headers of its own folder and of folders before it."""
+"""Folders in order: a file includes only headers of its own folder and of earlier folders."""
 KERNELS = files("splatcl.kernels")
 SOURCES = {str(p.relative_to(KERNELS)): p.read_text() for p in KERNELS.rglob("*") if p.suffix in (".h", ".cl")}
 HEADERS = sorted(path for path in SOURCES if path.endswith(".h"))
 SHADERS = [path for path in HEADERS if path.startswith("shading/shaders/")]
 INTERFACE = {"shade_surface", "shade_pixels", "TAKES_PIXELS"}
-"""Names that more than one shader defines; a program holds one shader."""
+"""Names that several shaders define; a program holds one shader."""
 
 PLAIN = {
     "LANES": 8, "DOUBLE": 0, "ON_POCL": 0, "EXACT_DIVIDE": 1, "EXACT_SQRT": 1, "TILE": 16, "REGION": 16,
@@ -37,13 +37,13 @@ RICH = PLAIN | {
 
 
 def included(text):
-    """Return the headers that a text includes; an option that names a shader stands for all of them."""
+    """Return the headers that a text includes; `#include SHADER` stands for all shaders."""
     found = [INCLUDE.fullmatch(line) for line in text.splitlines()]
     return [path for m in found if m for path in ([m[1]] if m[1] else SHADERS if m[2] == "SHADER" else [])]
 
 
 def not_down(sources):
-    """Return the includes of what is no header or lies in a later folder."""
+    """Return the includes of files that are no headers or lie in a later folder."""
     floor = {folder: i for i, folder in enumerate(FOLDERS)}
     includes = [(path, header) for path, text in sources.items() for header in included(text)]
     return [
@@ -92,14 +92,14 @@ def test_an_include_that_goes_up_is_seen():
 
 
 def test_no_include_is_conditional():
-    """The loader takes each file once: a later include of a header must not rest on one that was left out."""
+    """The loader takes each file once, so a later include may not depend on a skipped one."""
     assert {path: found for path, text in SOURCES.items() if (found := conditional(text))} == {}
     assert conditional('#if FIELD\n#include "splat/disc.h"\n#endif\n#include SHADER') == ['#include "splat/disc.h"']
 
 
 @pytest.mark.parametrize("header", HEADERS)
 def test_a_header_compiles_alone(device, header):
-    """In a set of options that has the branches of the default methods, and in one that has the others'."""
+    """One set of options has the branches of the default method, the other set has the branches of other methods."""
     choices = [RICH] if header.startswith("evidence/") else [PLAIN, RICH]
     for options in choices:
         if options["DOUBLE"] and device.info.supports["double"] != "yes":

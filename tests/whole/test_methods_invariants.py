@@ -1,6 +1,6 @@
-"""What must not change an image whatever the method: chunks and bands, order, shifts by whole pixels.
+"""Invariants of every method: chunks and bands, the order of splats, and shifts by whole pixels keep the image.
 
-Tile sizes, lanes and work-items by pixel are those of tests/test_golden.py, which has a scene of each method.
+whole/test_golden.py, which has a scene of each method, covers tile sizes, lanes and work-items by pixel.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from splatcl import RenderSettings
 from splatcl.opencl.passes import bin as bin_pass
 
 EPSILON = 0.25
-CHOICES = {  # as compiled for the golden images
+CHOICES = {  # the golden images compile the same programs
     "zwicker04": RenderSettings(EPSILON, method="zwicker04"),
     "zwicker01": RenderSettings(EPSILON, method="zwicker01", facing="cull"),
     "botsch04": RenderSettings(EPSILON, method="botsch04", facing="flip"),
@@ -29,7 +29,7 @@ CAMERA = CAMERAS["off_center"]
 
 @pytest.fixture(params=CHOICES)
 def case(request):
-    """Splats with all that the method takes, and its settings."""
+    """Return splats with the extras that the method reads, and its settings."""
     rng, splats = np.random.default_rng(7), random_ellipses(7)
     fields = dict(zip(("normal_du", "normal_dv"), rng.normal(size=(2, 200, 3)) * 0.3, strict=True))
     lines = {"clip": np.array([0, 0, 0.5]) + rng.normal(size=(200, 2, 3))}
@@ -49,7 +49,7 @@ def test_chunks_and_bands_change_no_bit(renderer, monkeypatch, case):
 
 
 def test_a_permuted_batch(renderer, case):
-    """The same coverage and depth, bit for bit; the sums are taken in another order."""
+    """Coverage and depth keep their bits; the sums are taken in another order."""
     splats, chosen = case
     order = np.random.default_rng(8).permutation(len(splats))
     a, b = (arrays(renderer.render(s, CAMERA, chosen)) for s in (splats, splats.take(order)))
@@ -61,7 +61,7 @@ def test_a_permuted_batch(renderer, case):
 
 
 def test_a_shifted_principal_point_shifts_the_image(renderer, case):
-    """By whole pixels, and every bit of it, from a camera whose numbers lose nothing by that."""
+    """The image moves by whole pixels and keeps every bit, because the camera's numbers are exact."""
     splats, chosen = case
     camera = replace(CAMERA, fx=64.0, fy=64.0, cx=21.25, cy=17.5)
     moved = replace(camera, cx=camera.cx + 5, cy=camera.cy - 3)

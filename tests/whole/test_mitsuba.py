@@ -19,7 +19,7 @@ def scalar_variant():
 
 
 def random_ellipse(rng):
-    """Centre and tangents in eye space: any pose, also behind the eye or through its plane; skewed axes too."""
+    """Return center and tangents in eye space, in any pose, also behind the eye, and with skewed axes too."""
     z = rng.uniform(-1.0, 4.0)
     center = np.array([*(rng.uniform(-1.0, 1.0, 2) * (abs(z) + 0.5)), z])
     frame, _ = np.linalg.qr(rng.normal(size=(3, 3)))
@@ -29,7 +29,7 @@ def random_ellipse(rng):
 
 
 def mitsuba_depth(view, center, t_u, t_v):
-    """(H, W) eye-space z of the disc; +inf where missed or out of [near, far]."""
+    """Return the (H, W) eye-space z of the disc; +inf where missed or out of [near, far]."""
     to_world = np.eye(4)
     to_world[:3] = np.column_stack([t_u, t_v, np.cross(t_u, t_v), center])
     scene = mi.load_dict({"type": "scene", "disc": {"type": "disk", "to_world": mi.ScalarTransform4f(to_world)}})

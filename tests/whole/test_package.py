@@ -1,4 +1,4 @@
-"""The package's names: imported when first used, and what they say they are."""
+"""The package's public names: lazy imports, and names that match their objects."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_render_is_the_function_whatever_is_imported_first(first):
 
 
 def test_the_wheel_carries_every_kernel():
-    """By the patterns of pyproject.toml; .ci/run renders with the wheel itself."""
+    """The test expands the patterns of pyproject.toml; .ci/run renders with the wheel itself."""
     root = ROOT
     patterns = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["setuptools"]["package-data"]
     kernels = root / "kernels"

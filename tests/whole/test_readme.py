@@ -18,12 +18,12 @@ README = (ROOT / "README.md").read_text()
 PYTHON = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
 CONSOLE = [re.findall(r"^\$ (splatcl .*)$", block, re.MULTILINE) for block in README.split("```console\n")[1:]]
 COMMANDS = [commands for commands in CONSOLE if commands]
-"""The commands of each block: a later one may read the files of those before it."""
+"""Commands of each block, in order: later ones may read the files of earlier ones."""
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A scratch folder in which the README's relative paths lead to the checkout's files."""
+    """Return a scratch folder where the README's relative paths lead to the checkout's files."""
     (tmp_path / "reference_images").symlink_to(ROOT / "reference_images")
     monkeypatch.chdir(tmp_path)
     return tmp_path
@@ -31,7 +31,7 @@ def folder(tmp_path, monkeypatch):
 
 def test_there_are_examples():
     assert len(PYTHON) == 2 and [len(commands) for commands in COMMANDS] == [3, 3, 4]
-    assert len(PYTHON[0].splitlines()) == 10  # as its heading says
+    assert len(PYTHON[0].splitlines()) == 10  # the heading promises ten lines
 
 
 @pytest.mark.parametrize("code", PYTHON)

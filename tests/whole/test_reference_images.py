@@ -21,7 +21,7 @@ from reference_scenes import SCENES  # noqa: E402
 from scene_files import read_scene, scene_names, write_scene  # noqa: E402
 
 ROUNDING = 1e-6
-"""Scenes built with another NumPy or LAPACK, relative to their size: float32's rounding, and a few of float64's."""
+"""Difference of scenes built with another NumPy or LAPACK, relative to their size: roundings of float32 and float64."""
 
 
 @pytest.fixture(params=SCENES)
@@ -53,14 +53,14 @@ def test_the_code_builds_the_stored_scenes():
         for field in ("eye_from_world", "fx", "fy", "cx", "cy", "width", "height", "near", "far"):
             np.testing.assert_allclose(getattr(built.camera, field), getattr(stored.camera, field), rtol=ROUNDING)
         size = built.splats.bounding_sphere[1]
-        for field in ("center", "radius", "color"):  # an estimated tangent's sign is LAPACK's choice
+        for field in ("center", "radius", "color"):  # LAPACK chooses the sign of an estimated tangent
             np.testing.assert_allclose(
                 getattr(built.splats, field), getattr(stored.splats, field), rtol=0, atol=ROUNDING * size, err_msg=name
             )
 
 
 FEW = ("facing_disc", "checkerboard", "edge_on", "near_plane", "bunny")
-"""Scenes that share their programs."""
+"""Scenes that share programs."""
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_check_compares_with_the_stored_image(renderer, tmp_path, capsys):
     assert regenerate.regenerate("facing_disc", renderer, FOLDER, check=True)
 
 
-def test_the_page_is_what_the_scenes_say():
+def test_the_page_describes_the_scenes():
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     assert page.tables(FOLDER, SCENES) in text
     for name in SCENES:

@@ -1,4 +1,4 @@
-"""Real scans at small size against the oracle: identical decisions, and depth, colour and normal to tolerances."""
+"""Real scans at small size against the oracle: equal decisions, and depth, color and normal to tolerances."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SCANS = [
     ),
 ]
 MESHES = {"laurana_3dhop.ply", "bun_zipper_res2.ply"}
-"""Made of triangles: several splats lie in one plane, so which of them is in front is often a tie."""
+"""Scans made of triangles: several splats lie in one plane and often tie for the front."""
 SETTINGS = {"default": RenderSettings(), "bare": RenderSettings(prefilter="none", along="ray")}
 TILE = 16
 
@@ -44,15 +44,15 @@ cached_read = cache(read)
 
 
 def middle_of(camera, size):
-    """The middle `size` x `size` pixels of `camera`'s image."""
+    """Return a camera that sees the middle `size` x `size` pixels of `camera`'s image."""
     x, y = (camera.width - size) // 2, (camera.height - size) // 2
     return replace(camera, cx=camera.cx - x, cy=camera.cy - y, width=size, height=size)
 
 
 def oracle_by_tiles(splats, camera, settings):
-    """`oracle.render`, of which each tile sees only the splats whose bounds come near it: it is brute force.
+    """Return `oracle.passes`, tile by tile, each with the splats whose bounds come near it, because it is brute force.
 
-    `margin` leaves out which of several splats is front-most, `id_margin` is of that alone.
+    `margin` ignores the choice of the front-most splat; `id_margin` is the margin of this choice alone.
     """
     epsilon = oracle.auto_epsilon(splats) if settings.epsilon == "auto" else settings.epsilon
     x_min, y_min, x_max, y_max = project(splats, camera, settings).bounds.T
@@ -65,7 +65,7 @@ def oracle_by_tiles(splats, camera, settings):
             ids = np.flatnonzero(near_x & near_y)
             window = replace(camera, cx=camera.cx - x, cy=camera.cy - y, width=width, height=height)
             part = oracle.passes(splats.take(ids), window, settings, epsilon)
-            front = np.append(ids, NO_SPLAT)  # the last for no splat
+            front = np.append(ids, NO_SPLAT)  # the last stands for no splat
             part["particleid"] = front[np.minimum(part["particleid"], len(ids))]
             if whole is None:
                 whole = {k: np.zeros((camera.height, camera.width, *v.shape[2:]), v.dtype) for k, v in part.items()}
@@ -78,7 +78,7 @@ def test_the_oracle_by_tiles_is_the_oracle():
     settings, camera, splats = RenderSettings(epsilon=0.03125), CAMERAS["outside"], random_ellipses()
     tiled, whole = oracle_by_tiles(splats, camera, settings), oracle.render(splats, camera, settings)
     for name, array in whole.items():
-        if name == "margin":  # a splat far from a pixel has a margin there, but no small one
+        if name == "margin":  # a far splat has a margin too, but no small one
             small = (array < 1e3) | (tiled[name] < 1e3)
             np.testing.assert_allclose(tiled[name][small], array[small], rtol=1e-6)
         else:
@@ -88,7 +88,7 @@ def test_the_oracle_by_tiles_is_the_oracle():
 @pytest.mark.parametrize("name", SETTINGS)
 @pytest.mark.parametrize("path", SCANS, ids=lambda path: path.name)
 def test_the_middle_of_a_scan(renderer, path, name):
-    """96 x 96 pixels out of 512 x 512: splats of about a pixel and larger, as scans are looked at."""
+    """96 x 96 pixels of a 512 x 512 image show splats of about a pixel and larger, as a viewer sees scans."""
     splats = cached_read(path)
     camera = middle_of(Camera.framing(splats.bounding_sphere, azimuth=25, elevation=15, width=512, height=512), 96)
     check(renderer, splats, camera, SETTINGS[name], MASKED_SCAN, MASKED_ID_MESH if path.name in MESHES else MASKED_SCAN)
@@ -96,7 +96,7 @@ def test_the_middle_of_a_scan(renderer, path, name):
 
 @pytest.mark.parametrize("path", SCANS, ids=lambda path: path.name)
 def test_a_whole_scan_in_few_pixels(renderer, path):
-    """64 x 64 pixels: up to fifty fragments per pixel, nearly all of them from the pre-filter."""
+    """64 x 64 pixels have up to fifty fragments each, nearly all of them from the pre-filter."""
     splats = cached_read(path)
     camera = Camera.framing(splats.bounding_sphere, azimuth=25, elevation=15, width=64, height=64)
     check(renderer, splats, camera, RenderSettings(), MASKED_DENSE_SCAN, MASKED_ID_MESH)
@@ -108,7 +108,7 @@ def check(renderer, splats, camera, settings, max_masked, max_id_masked):
     num_covered = np.count_nonzero(covered)
     assert num_covered > 400
     sure = want["margin"] >= MARGIN_UNITS
-    id_sure = sure & (want["id_margin"] >= ID_UNITS)  # outside the whole mask
+    id_sure = sure & (want["id_margin"] >= ID_UNITS)  # not left out by either margin
     assert np.count_nonzero(covered & ~sure) <= max_masked * num_covered
     assert np.count_nonzero(covered & ~id_sure) <= max_id_masked * num_covered
 

@@ -36,7 +36,7 @@ class View:
     azimuth: Annotated[
         float | None,
         Parameter(
-            help="Angle around the scan, degrees, counter-clockwise from above "
+            help="Angle around the scan, degrees, counterclockwise from above "
             "[default: 0, or 180 where the normals clearly point there]."
         ),
     ] = None

@@ -43,7 +43,7 @@ class Model:
     optional : dict of str to array
         Optional arrays of whole splats, named as in `Splats.optional`.
     faces : (F, 3) int64 array, optional
-        Triangles, counter-clockwise seen from outside.
+        Triangles, counterclockwise seen from outside.
     face_color : (F, 3) float array, optional
         Linear RGB.
     oriented : bool

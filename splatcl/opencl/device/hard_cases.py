@@ -34,9 +34,9 @@ def operands(precision: Precision, count: int) -> NDArray[Any]:
     moderate = _moderate(rng, dtype, rest // 2)
     bits = np.dtype(f"u{np.dtype(dtype).itemsize}")
     patterns = rng.integers(0, np.iinfo(bits).max, (4, rest - rest // 2), bits, endpoint=True).view(dtype)
-    cancelling = moderate[:, ::2]
-    cancelling[1] = -(cancelling[0] * cancelling[2])
-    cancelling[3] = np.nextafter(cancelling[2], dtype(0))
+    canceling = moderate[:, ::2]
+    canceling[1] = -(canceling[0] * canceling[2])
+    canceling[3] = np.nextafter(canceling[2], dtype(0))
     a_b = np.concatenate([special, quotients, np.stack([roots, -roots])], axis=1)
     blocks = [np.concatenate([a_b, a_b[::-1]]), moderate, patterns]
     return np.concatenate(blocks, axis=1)
