@@ -11,7 +11,7 @@ from tolerances import KERNEL_AREA, MOMENT_RELATIVE
 
 from splatcl.apps.paper import metrics, report, scenes
 from splatcl.apps.paper.catalogue import EXPERIMENTS, chosen
-from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
+from splatcl.apps.paper.experiment import Claim, Figure, Result, Run, verdict
 from splatcl.apps.paper.experiments import antialiasing, comparison, filters, perspective, sharp
 from splatcl.cli import main
 from splatcl.errors import SettingsError
@@ -115,7 +115,7 @@ def test_kernels_have_the_areas_of_closed_form(run):
         for name in ("area EWA / min", "in closed form")
     )
     np.testing.assert_allclose(areas, expected, rtol=KERNEL_AREA)
-    assert all(claim.holds for claim in result.claims)
+    assert all(claim.verdict == "holds" for claim in result.claims)
     assert_described(result)
 
 
@@ -137,13 +137,13 @@ def test_outlines_at_extreme_perspective(run):
     assert share["affine"] > 1 and share["conic"] == share["ray cast"] == 0
     wrong = {figure.of: figure.value for figure in result.figures if figure.measure == "wrong pixels of one disc"}
     assert wrong["affine"] > 20 and wrong["conic"] < 1 and wrong["ray cast"] < 1
-    assert all(claim.holds for claim in result.claims)
+    assert [claim.verdict for claim in result.claims] == ["holds", "holds", "does not hold", "holds"]
     assert_described(result)
 
 
 def test_the_screen_space_filter_removes_aliasing(run):
     result = antialiasing.screen_filter(run)
-    assert [claim.holds for claim in result.claims] == [True]
+    assert [claim.verdict for claim in result.claims] == ["holds"]
     assert result.figures[0].value < 2 < 20 < result.figures[1].value
     assert_described(result)
 
@@ -151,7 +151,7 @@ def test_the_screen_space_filter_removes_aliasing(run):
 @pytest.mark.slow
 def test_sharp_features_need_their_clip_lines(run):
     result = sharp.sharp_features(run)
-    assert [claim.holds for claim in result.claims] == [True, True]
+    assert [claim.verdict for claim in result.claims] == ["holds", "holds"]
     assert_described(result)
 
 
@@ -165,10 +165,36 @@ RESULT = Result(
     "stub",
     "A title",
     (Figure("a", "error", 0.25, "dB"), Figure("a", "number", 1234567.0), Figure("b", "error", 12.5, "%")),
-    (Claim("One.", "1.", True), Claim("Two.", "2.", False)),
+    (Claim("One.", "1.", "holds"), Claim("Two.", "2.", "does not hold")),
     {"small one": np.zeros((16, 20)), "larger": np.full((24, 16, 4), 0.5)},
     ("a note",),
 )
+
+
+def test_the_verdict_on_a_whole_claim_and_on_a_part():
+    assert [verdict(*case) for case in ((True,), (False, True), (False,))] == [
+        "holds",
+        "holds in part",
+        "does not hold",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("quality", "error", "comparable", "removes"),
+    [
+        (21.0, 9.9, "holds in part", "does not hold"),
+        (21.0, 3.1, "holds", "holds"),
+        (21.0, 14.0, "does not hold", "does not hold"),
+        (20.0, 3.1, "does not hold", "holds"),
+    ],
+)
+def test_the_verdicts_on_the_min_filter(quality, error, comparable, removes):
+    others = {"none": (19.3, 27.7), "2x2": (22.5, 10.5), "3x3": (22.8, 8.5), "EWA": (18.3, 0.6), "EWA/2": (21.5, 1.6)}
+    measured = {**others, "min": (quality, error)}
+    claims = antialiasing._claims(*({name: pair[i] for name, pair in measured.items()} for i in (0, 1)))
+    verdicts = {claim.says: claim.verdict for claim in claims}
+    assert verdicts["The min filter's quality is comparable to EWA's."] == comparable
+    assert verdicts["The min filter removes the aliasing that supersampling by 3x3 leaves."] == removes
 
 
 def test_a_result_as_a_folder_and_as_a_page(tmp_path, capsys):

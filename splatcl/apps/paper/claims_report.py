@@ -46,7 +46,7 @@ def print_rows(rows: Sequence[Row]) -> None:
     console = Console(width=None if sys.stdout.isatty() else WIDTH, markup=False, highlight=False)
     table = Table(box=box.SIMPLE, show_lines=True)
     for column, ratio in zip(("paper", *COLUMNS), (3, 5, 11, 8, 5, 12), strict=True):
-        table.add_column(column, ratio=ratio)
+        table.add_column(column, ratio=ratio, overflow="fold")
     for row in rows:
         table.add_row(row.paper, f"{row.section}\n{row.id}", row.says, row.here, row.verdict, row.reason)
     console.print(table)
@@ -89,7 +89,7 @@ def write_page(folder: Path) -> Path:
 
 
 def _link(row: Row) -> str:
-    return f"[{row.experiment}](paper.md#{row.experiment})" if row.experiment else row.status
+    return f"experiment [{row.experiment}](paper.md#{row.experiment})" if row.experiment else row.status
 
 
 def _totals(rows: Sequence[Row]) -> list[list[str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from numpy.typing import NDArray
 
@@ -14,6 +14,7 @@ from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 from splatcl.scene.splats import Splats
 
+Verdict = Literal["holds", "holds in part", "does not hold"]
 LEAST = 16
 """Least number of pixels or splats, in even the smallest run."""
 
@@ -33,11 +34,16 @@ class Figure(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """A paper's statement in our words, the finding here, and whether the statement holds."""
+    """A paper's statement in our words, the finding here, and the verdict on the statement."""
 
     says: str
     here: str
-    holds: bool
+    verdict: Verdict
+
+
+def verdict(whole: bool, part: bool = False) -> Verdict:
+    """Return the verdict on a statement, given whether all of it holds and whether a part of it holds."""
+    return "holds" if whole else "holds in part" if part else "does not hold"
 
 
 @dataclass(frozen=True)

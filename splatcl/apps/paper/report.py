@@ -21,12 +21,11 @@ WIDTH = 120
 """Columns if the output is not a terminal."""
 PER_ROW, GAP = 4, 4
 """Images in a row of a strip, and pixels between them."""
-HOLDS = {True: "holds", False: "does not hold"}
 INTRODUCTION = """\
 # The papers' claims, rerun
 
-`splatcl paper` reruns figures, tables and claims of [BHZK05] and [ZRB04] and says whether each claim holds. It wrote
-this page.
+`splatcl paper` reruns figures, tables and claims of [BHZK05] and [ZRB04] and says whether each claim holds, holds in
+part, or does not hold. It wrote this page.
 
 ```console
 $ splatcl paper                # all experiments: numbers, and every image at full size
@@ -40,6 +39,7 @@ $ splatcl paper --docs docs    # this page
 - Scenes, measures and bounds are ours. Some bounds were set after a first look at the numbers: read the numbers, not
   the verdict alone.
 - Speeds depend on the machine and its load. [bench.md](../speed/bench.md) says how to measure them well.
+- [claims.md](claims.md) lists every claim of the papers, with those that no experiment measures.
 - [specification.md](../specification.md) lists the papers.
 """
 
@@ -68,7 +68,7 @@ def print_result(result: Result) -> None:
     console.print(f"{result.name}: {result.title}", style="bold")
     console.print(figures)
     for claim in result.claims:
-        console.print(f"{HOLDS[claim.holds]}: {claim.says} {claim.here}")
+        console.print(f"{claim.verdict}: {claim.says} {claim.here}")
     for note in result.notes:
         console.print(f"note: {note}")
 
@@ -108,7 +108,7 @@ def write_docs(folder: Path, results: Sequence[Result]) -> None:
 def page(sections: Sequence[tuple[Result, list[str]]]) -> str:
     """Return Markdown: a table of all claims, and a section with pictures for each experiment."""
     claims = [
-        [f"[{result.name}](#{result.name})", claim.says, claim.here, HOLDS[claim.holds]]
+        [f"[{result.name}](#{result.name})", claim.says, claim.here, claim.verdict]
         for result, _ in sections
         for claim in result.claims
     ]

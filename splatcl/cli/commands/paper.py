@@ -63,7 +63,7 @@ def rerun(
     print(f"wrote {docs / 'trust' / 'paper.md' if docs else output / 'index.md'}")
 
 
-@paper.command(name="list")
+@paper.command(name="list", group="Commands")
 def list_claims(
     *,
     paper: Literal["BHZK05", "slides", "ZRB04"] | None = None,

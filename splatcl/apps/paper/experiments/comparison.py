@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
+from splatcl.apps.paper.experiment import Claim, Figure, Result, Run, verdict
 from splatcl.apps.paper.experiments.antialiasing import HEIGHT, SHEET, WIDTH, aliasing, truth
 from splatcl.apps.paper.experiments.perspective import BARE, hole_share
 from splatcl.apps.paper.metrics import angles, psnr
@@ -78,21 +78,28 @@ def _claims(measured: dict[Method, Any]) -> tuple[Claim, ...]:
     exact = [method for method, settings in METHODS.items() if settings.get("footprint") != "affine"]
     filtered = [method for method, settings in METHODS.items() if settings.get("prefilter") != "none"]
     others = [method for method in METHODS if method not in filtered]
+    better = [measure["botsch05"] < measure["botsch04"] for measure in (alias, phong)]
     return (
         Claim(
             "Ray casting and conics are perspective correct; affine outlines are not.",
             "; ".join(f"{method} {share:.2g}% holes" for method, share in holes.items()) + ".",
-            all((holes[method] == 0) == (method in exact) for method in METHODS),
+            verdict(all((holes[method] == 0) == (method in exact) for method in METHODS)),
         ),
         Claim(
             "Blended normals shade smoothly per pixel, linear normal fields even better; one color per splat does not.",
             "; ".join(f"{method} off by {error:.2g}/255" for method, error in phong.items()) + ".",
-            phong["botsch04"] <= phong["botsch05"] < phong["botsch03"],
+            verdict(phong["botsch04"] <= phong["botsch05"] < phong["botsch03"]),
         ),
         Claim(
             "Methods with a screen-space filter are anti-aliased.",
             "; ".join(f"{method} {error:.2g}% aliasing" for method, error in alias.items()) + ".",
-            max(alias[method] for method in filtered) < min(alias[method] for method in others),
+            verdict(max(alias[method] for method in filtered) < min(alias[method] for method in others)),
+        ),
+        Claim(
+            "Phong shading and anti-aliasing make botsch05 superior even to botsch04.",
+            f"Aliasing is {alias['botsch05']:.2g}% against {alias['botsch04']:.2g}%, the Phong error "
+            f"{phong['botsch05']:.2g}/255 against {phong['botsch04']:.2g}/255.",
+            verdict(all(better), part=any(better)),
         ),
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion
 
-from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
+from splatcl.apps.paper.experiment import Claim, Figure, Result, Run, verdict
 from splatcl.apps.paper.metrics import area, second_moments
 from splatcl.scene.camera import Camera
 from splatcl.scene.splats import Splats
@@ -48,7 +48,7 @@ def kernels(run: Run) -> Result:
             "pixel. It differs most where their sizes are alike.",
             f"EWA's footprint has {small:.2f}, {even:.2f} and {large:.2f} times the area for splats of a quarter, one "
             "and four times the filter's radius.",
-            even > max(small, large) and max(small, large) < 1.25,
+            verdict(even > max(small, large) and max(small, large) < 1.25),
         ),
     )
     title = "[BHZK05] Figure 4: contours of the combined kernels, min (orange) and EWA (blue)"

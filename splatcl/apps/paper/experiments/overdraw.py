@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
+from splatcl.apps.paper.experiment import Claim, Figure, Result, Run, verdict
 from splatcl.apps.paper.scenes import scan
 from splatcl.apps.sample_scenes import frame_camera, resampled
 
@@ -37,13 +37,13 @@ def overdraw(run: Run) -> Result:
             "Deferred shading avoids most lighting, because it lights each pixel once instead of each fragment.",
             f"A covered pixel gets {least:.1f} to {max(one['with it'] for one in per_pixel):.1f} fragments, so at "
             f"least {100 - 100 / least:.0f}% of the evaluations are saved.",
-            bool(least > 1.5),
+            verdict(bool(least > 1.5)),
         ),
         Claim(
             "The pre-filter adds fragments as splats become as small as pixels.",
             f"It multiplies the fragments by {growth[0]:.2f} for the largest splats and by {growth[-1]:.2f} for the "
             "smallest.",
-            bool(growth[-1] > growth[0] >= 1),
+            verdict(bool(growth[-1] > growth[0] >= 1)),
         ),
     )
     title = "[BHZK05] Table 1: fragments per covered pixel"

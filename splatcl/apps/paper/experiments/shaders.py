@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
+from splatcl.apps.paper.experiment import Claim, Figure, Result, Run, verdict
 from splatcl.apps.paper.metrics import num_levels
 from splatcl.apps.paper.scenes import scan
 from splatcl.scene.camera import Camera
@@ -46,14 +46,14 @@ def shaders(run: Run) -> Result:
             "Deferred shading separates shading from rasterization, so custom shaders are simple.",
             f"Depth, normals, positions, albedo, weights, counts and ids {'have' if same else 'do not have'} "
             f"the same bits under {len(SHADERS)} shaders.",
-            same,
+            verdict(same),
         ),
         Claim(
             "A shader may use all attributes of a pixel, for non-photorealistic images as well.",
             f"NPR draws {tones['NPR']} tones where Phong draws {tones['Phong']}.",
-            1 < tones["NPR"] <= MOST_TONES < tones["Phong"],
+            verdict(1 < tones["NPR"] <= MOST_TONES < tones["Phong"]),
         ),
-        Claim("Shadow maps work on splats.", f"{darker:.0f}% of the pixels lie in shadow.", 1 < darker < 50),
+        Claim("Shadow maps work on splats.", f"{darker:.0f}% of the pixels lie in shadow.", verdict(1 < darker < 50)),
     )
     title = "[BHZK05] Figure 5: shaders"
     return Result("shaders", title, tuple(figures), claims, {n: f.color for n, f in frames.items()}, notes)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from splatcl import features
-from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
+from splatcl.apps.paper.experiment import Claim, Figure, Result, Run, verdict
 from splatcl.apps.paper.scenes import rays
 from splatcl.scene.camera import Camera
 from splatcl.scene.splats import Splats
@@ -43,13 +43,13 @@ def sharp_features(run: Run) -> Result:
             "Clip lines give sharp edges and corners. A cube needs only a few splats.",
             f"With {len(cube)} splats, {wrong['clipped']:.2g}% of the silhouette's pixels are wrong; "
             f"{wrong['whole discs']:.0f}% without clip lines.",
-            wrong["clipped"] < 0.5 and wrong["clipped"] < wrong["whole discs"] / 10,
+            verdict(wrong["clipped"] < 0.5 and wrong["clipped"] < wrong["whole discs"] / 10),
         ),
         Claim(
             "Clip lines render solids of constructive geometry.",
             f"{astray['clipped']:.2g}% of the pixels are off the surface of a box minus a ball by more than "
             f"{NEAR_SURFACE:g} of its side; {astray['whole discs']:.2g}% without clip lines.",
-            astray["clipped"] < 1 and astray["clipped"] < astray["whole discs"] / 4,
+            verdict(astray["clipped"] < 1 and astray["clipped"] < astray["whole discs"] / 4),
         ),
     )
     title = "[ZRB04] Figures 5, 8: sharp features by clip lines"

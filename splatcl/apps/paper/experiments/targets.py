@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from splatcl.apps.paper.experiment import Claim, Figure, Result, Run
+from splatcl.apps.paper.experiment import Claim, Figure, Result, Run, verdict
 from splatcl.apps.paper.metrics import angles, differences, num_levels, psnr
 from splatcl.apps.paper.scenes import ramp, scan
 from splatcl.apps.sample_scenes import frame_camera
@@ -51,13 +51,13 @@ def targets(run: Run) -> Result:
             f"{low['saturated pixels']:.0f}% of the pixels saturate, {low['different weights']:.0f} of "
             f"{measured['float32']['different weights']:.0f} different weights remain, colors are off by up to "
             f"{low['largest error']:.0f}/255, normals by {low['mean error of normals']:.2g} degrees on average.",
-            low["saturated pixels"] > 1 and low["largest error"] > 8,
+            verdict(low["saturated pixels"] > 1 and low["largest error"] > 8),
         ),
         Claim(
             "Floating-point targets of 16 bits avoid this.",
             f"No color is off by more than {half['largest error']:.2g}/255 from 32 bits; "
             f"{half['saturated pixels']:.0f}% of the pixels saturate.",
-            half["largest error"] < 1 and not half["saturated pixels"],
+            verdict(half["largest error"] < 1 and not half["saturated pixels"]),
         ),
     )
     title = "[BHZK05] Figure 2: targets of 8, 16 and 32 bits"
@@ -88,7 +88,7 @@ def half_inputs(run: Run) -> Result:
         Claim(
             "Centers and normals may be stored in 16 bits without a visible loss.",
             f"PSNR {quality:.1f} dB; colors change by {figures[1]} on average, normals by {figures[5]}.",
-            quality >= VISIBLE,
+            verdict(quality >= VISIBLE),
         ),
     )
     apart = np.where(both[..., None], 16 * np.abs(half.color - full.color)[..., :3], 0)
