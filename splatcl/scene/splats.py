@@ -19,6 +19,8 @@ DEFAULT_COLOR = (0.6, 0.6, 0.6)
 
 MIN_AREA = 1e-15
 """Smallest |t_u x t_v| of a usable splat, square scene units: a smaller one loses its normal in float32."""
+MAX_AREA = 1e19
+"""Largest |t_u x t_v| of a usable splat, square scene units: its square must stay finite in float32."""
 MAX_MAGNITUDE = 1e15
 """Largest usable coordinate: its square must stay finite in float32."""
 OPTIONAL = {"normal_du": (3,), "normal_dv": (3,), "clip": (2, 3)}
@@ -59,7 +61,7 @@ class Splats:
     notes : tuple of str
         One sentence for each estimate, conversion and omission on the way from the file.
     on_invalid : {"error", "drop"}
-        Treatment of splats with a non-finite or huge coordinate, color or tangent, or without an area.
+        Treatment of splats with a non-finite or huge coordinate, color or tangent, or with no area or a huge one.
 
     Raises
     ------
@@ -224,7 +226,13 @@ class Splats:
         return replace(self, **taken, attributes=named, on_invalid="error")
 
 
-REASONS = ("", "a non-finite number", "a number beyond 1e15", "an area |t_u x t_v| below 1e-15")
+REASONS = (
+    "",
+    "a non-finite number",
+    "a number beyond 1e15",
+    "an area |t_u x t_v| below 1e-15",
+    "an area |t_u x t_v| above 1e19",
+)
 
 
 def invalid_splats(
@@ -247,12 +255,13 @@ def _reasons(
     ux, uy, uz, vx, vy, vz = (*tangent_u.astype(np.float64), *tangent_v.astype(np.float64))
     with np.errstate(invalid="ignore", over="ignore"):
         x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
-        has_area = np.sqrt(x * x + y * y + z * z) >= MIN_AREA
-        if has_area.all() and all(np.abs(column).max() <= MAX_MAGNITUDE for column in columns):
+        area = np.sqrt(x * x + y * y + z * z)
+        has_area, fits = area >= MIN_AREA, area <= MAX_AREA
+        if has_area.all() and fits.all() and all(np.abs(column).max() <= MAX_MAGNITUDE for column in columns):
             return np.zeros(len(x), np.uint8)
         finite = np.logical_and.reduce([np.isfinite(c).all(axis=0) for c in columns])
         small = np.logical_and.reduce([(np.abs(c) <= MAX_MAGNITUDE).all(axis=0) for c in columns])
-    return np.select([~finite, ~small, ~has_area], [1, 2, 3], 0).astype(np.uint8)
+    return np.select([~finite, ~small, ~has_area, ~fits], [1, 2, 3, 4], 0).astype(np.uint8)
 
 
 def describe_reasons(reason: NDArray[np.uint8], reasons: Sequence[str], noun: str) -> str:

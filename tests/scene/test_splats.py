@@ -13,6 +13,7 @@ MISTAKES = {
     REASONS[1]: [("center", np.nan), ("color", np.inf), ("tangent_u", -np.inf)],
     REASONS[2]: [("center", 1e16), ("color", -1e16)],
     REASONS[3]: [("tangent_u", 0.0), ("tangent_v", 1e-16)],
+    REASONS[4]: [(("tangent_u", "tangent_v"), ((5e9, 0, 0), (0, 5e9, 0)))],
 }
 
 
@@ -32,7 +33,8 @@ def test_good_splats_are_taken(num):
 def test_one_bad_splat_among_many_is_found(place, reason):
     for name, value in MISTAKES[reason]:
         given = arrays(2 * BLOCK + 7)
-        given[name][place] = value
+        for one, row in zip(name, value, strict=True) if isinstance(name, tuple) else [(name, value)]:
+            given[one][place] = row
         with pytest.raises(InvalidSplatsError, match=rf"1 of {2 * BLOCK + 7} splats .1 with .*first is splat {place}"):
             Splats(**given)
         splats = Splats(**given, on_invalid="drop")
