@@ -17,6 +17,7 @@ Along = Literal["z", "ray"]
 EpsilonTest = Literal["inclusive", "strict"]
 Prefilter = Literal["method", "min", "none", "ewa"]
 PrefilterCenter = Literal["projected", "bounds"]
+FilterDepth = Literal["center", "plane", "front"]
 Kernel = Literal["gaussian", "constant", "table"]
 KernelLookup = Literal["nearest", "linear"]
 TableAddressing = Literal["samples", "texture"]
@@ -81,6 +82,9 @@ class RenderSettings:
     prefilter_center : {"projected", "bounds"}
         projected: measure r2 from the projected center of the splat [BHZK05]; bounds: from the center of its
         projected bounds.
+    filter_depth : {"center", "plane", "front"}
+        Depth of a fragment that only the pre-filter "min" accepts. center: the depth of the splat's center; plane:
+        where the ray meets the splat's plane; front: depth(p). Where these have no value, the center's.
     cutoff : float
         F_g in the Gaussian weight w = exp(-cutoff^2 r^2 / 2), 0 to 8.
     kernel : {"gaussian", "constant", "table"}
@@ -156,6 +160,7 @@ class RenderSettings:
     table_addressing: TableAddressing = "samples"
     table_over: TableOver = "r"
     epsilon_test: EpsilonTest = "inclusive"
+    filter_depth: FilterDepth = "center"
 
     def __post_init__(self) -> None:
         for name, default in (DEFAULTS | METHODS.get(self.method, {})).items():
