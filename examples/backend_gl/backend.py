@@ -302,6 +302,7 @@ def refuse_unsupported(camera: splatcl.Camera, settings: splatcl.RenderSettings)
     for name, supported in (
         ("along", ("z",)),
         ("epsilon_test", ("inclusive",)),
+        ("filter_depth", ("center",)),
         ("prefilter_center", ("projected",)),
         ("kernel", ("gaussian", "constant")),
         ("precision", ("single",)),

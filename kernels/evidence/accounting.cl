@@ -24,8 +24,8 @@ kernel void accounting(constant View *view, global const ProjectedSplat *records
     for (int y = box.y; y <= box.w; ++y)
       for (int x = box.x; x <= box.z; ++x) {
         const hit h = intersect(&d, (reals)x, (reals)y);
-        const fragment f = fragment_of(&d, &p, &e, &h, view->near, view->far, inverse_radius2);
         const real z = depth[(long)y * view->width + x];
+        const fragment f = fragment_of(&d, &p, &e, &h, z, view->near, view->far, inverse_radius2);
         const reals farthest = farthest_accepted(view, (reals)x, (reals)y, z, epsilon, along_ray);
         if (f.exists & is_accepted(f.z, farthest)) ++total;
       }

@@ -109,7 +109,8 @@ kernel void probe_rows(constant View *view, global const ProjectedSplat *records
     const real disc_z = hit_depth(&p.disc, &p.hit, inverse_den);
     const int in_range = disc_z >= near && disc_z <= far, kept = kept_by_lines(&p.extra, &p.hit) != 0;
     const contribution f =
-        contribution_at(&p.disc, &p.prefilter, &p.extra, (reals)x, (reals)y, (masks)-1, (reals)(real)INFINITY, &r);
+        contribution_at(&p.disc, &p.prefilter, &p.extra, (reals)x, (reals)y, (masks)-1, (reals)depth[0],
+                        (reals)(real)INFINITY, &r);
     const int exists = f.accepted != 0, accepted = exists && is_accepted(f.z, farthest);
     real8 values;
     load_attributes(&values, attributes + i);

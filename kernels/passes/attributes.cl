@@ -18,6 +18,9 @@ typedef struct {
   real8 sums[REGION_PIXELS];
   uint count[REGION_PIXELS];
   real farthest[REACHED_PIXELS];
+#if FILTER_DEPTH == FRONT_DEPTH
+  real front[REACHED_PIXELS];  // depth(p)
+#endif
 } region_sums;
 
 static inline void add_to_pixel(region_sums *t, int p, const real8 *attributes, const contribution *f, int lane)
@@ -27,6 +30,11 @@ static inline void add_to_pixel(region_sums *t, int p, const real8 *attributes, 
 }
 
 #define FARTHEST_AT(lane, p) t->farthest[p + offset[lane]]
+#if FILTER_DEPTH == FRONT_DEPTH
+#define FRONT_AT(lane, p) t->front[p + offset[lane]]
+#else
+#define FRONT_AT(lane, p) R(0.0)
+#endif
 
 // The data of each entry of the tile lists.
 typedef struct {
@@ -61,6 +69,7 @@ static inline void add_small_boxes(region_sums *t, const entries *in, const int 
     for (int x = 0; x < SMALL && ANY(MASK(c.across > (bits)x)); ++x)
       found[y * SMALL + x] = contribution_at(s, p, e, b->x_first + (real)x, b->y_first + (real)y,
                                    MASK(c.across > (bits)x) & MASK(c.down > (bits)y),
+                                   (reals)EACH_LANE(FRONT_AT, y * REGION + x),
                                    (reals)EACH_LANE(FARTHEST_AT, y * REGION + x), r);
   for (int lane = 0; lane < num; ++lane) {
     real8 values;
@@ -91,7 +100,8 @@ static inline void add_large_box(region_sums *t, const entries *in, int entry, i
       const int q = first + y * REGION + x;
       const reals dx = (real)x + LANE_X, dy = (real)y + LANE_Y;
       const contribution f = contribution_at(&s, &p, &e, (real)(first % REGION) + dx, (real)(first / REGION) + dy,
-                               MASK(dx < (real)across) & MASK(dy < (real)down), (reals)EACH_LANE(FARTHEST_AT, q), r);
+                               MASK(dx < (real)across) & MASK(dy < (real)down), (reals)EACH_LANE(FRONT_AT, q),
+                               (reals)EACH_LANE(FARTHEST_AT, q), r);
       if (!ANY(f.accepted)) continue;
       const int columns = least(BLOCK_X, across - x), rows = least(BLOCK_Y, down - y);
       for (int row = 0; row < rows; ++row)
@@ -131,6 +141,9 @@ static inline real begin_sums(region_sums *t, constant View *view, const region 
 {
   real farthest = -(real)INFINITY;
   for (int p = 0; p < REACHED_PIXELS; ++p) t->farthest[p] = -(real)INFINITY;
+#if FILTER_DEPTH == FRONT_DEPTH
+  for (int p = 0; p < REACHED_PIXELS; ++p) t->front[p] = (real)INFINITY;
+#endif
   for (int p = 0; p < REGION_PIXELS; ++p) {
     t->sums[p] = (real8)R(0.0);
     t->count[p] = 0;
@@ -147,6 +160,9 @@ static inline real begin_sums(region_sums *t, constant View *view, const region 
       const reals f = farthest_accepted(view, columns, (reals)(real)(w->y + y), z, epsilon, along_ray);
       for (int lane = 0; lane < num; ++lane) {
         t->farthest[y * REGION + x + lane] = LANE_OF(f, lane);
+#if FILTER_DEPTH == FRONT_DEPTH
+        t->front[y * REGION + x + lane] = LANE_OF(z, lane);
+#endif
         farthest = LANE_OF(f, lane) > farthest ? LANE_OF(f, lane) : farthest;
       }
     }

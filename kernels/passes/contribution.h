@@ -66,12 +66,13 @@ static inline void vary(contribution *t, const extras *e, const hit *h, const fr
 }
 #endif
 
-// The contributions at pixels x, y from (left, top) where `asked`. `farthest` is depth(p) + epsilon.
+// The contributions at pixels x, y from (left, top) where `asked`. `front` is depth(p), as for
+// fragment_of, and `farthest` is depth(p) + epsilon.
 static inline contribution contribution_at(const discs *s, const prefilters *p, const extras *e, reals x, reals y,
-                                           masks asked, reals farthest, const fragment_settings *r)
+                                           masks asked, reals front, reals farthest, const fragment_settings *r)
 {
   const hit h = intersect(s, x + (real)r->left, y + (real)r->top);
-  const fragment f = fragment_of(s, p, e, &h, r->near, r->far, r->inverse_radius2);
+  const fragment f = fragment_of(s, p, e, &h, front, r->near, r->far, r->inverse_radius2);
   const masks accepted = f.exists & asked & is_accepted(f.z, farthest);
   contribution t;
   t.weight = t.z = (reals)R(0.0);

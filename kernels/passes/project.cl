@@ -225,6 +225,9 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
 
   s.near_z = at_least(least_depth(view, &s), view->near);
   s.near_z = SELECT(s.near_z, at_most(s.near_z, c.z), ELLIPSE ? (masks)-1 : filtered);  // rays that miss the disc
+#if FILTER_DEPTH == FRONT_DEPTH
+  s.near_z = SELECT(s.near_z, (reals)view->near, filtered);
+#endif
 #if EXTRA || SHADING == PER_SPLAT
   s.center = c;
   s.turned = MASK(facing_dot >= R(0.0)) & (masks)(view->facing == FLIP ? -1 : 0);

@@ -1,12 +1,13 @@
 // Provides the data of a splat that methods other than [BHZK05]'s use: screen-space ellipse, clip lines, normal field
 // and specular reflection.
 //
-// ELLIPSE    footprints are ellipses: 1 of the affine map exact at the center, 2 of the projected contour; 0: discs
-// PREFILTER  1: min(r3, r2), 2: EWA, 0: none
-// CLIP       1: splats have clip lines
-// FIELD      1: normals are linear fields
-// SHADING    0: deferred, once per pixel; forward: 1 each fragment, 2 each splat
-// GLOSS      1: splats have their own specular coefficient and shininess
+// ELLIPSE       footprints are ellipses: 1 of the affine map exact at the center, 2 of the projected contour; 0: discs
+// PREFILTER     1: min(r3, r2), 2: EWA, 0: none
+// FILTER_DEPTH  depth of a fragment of the pre-filter alone: 0 the center's, 1 the plane's, 2 depth(p)
+// CLIP          1: splats have clip lines
+// FIELD         1: normals are linear fields
+// SHADING       0: deferred, once per pixel; forward: 1 each fragment, 2 each splat
+// GLOSS         1: splats have their own specular coefficient and shininess
 
 #include "arithmetic/reals.h"
 #include "arithmetic/vectors.h"
@@ -17,6 +18,8 @@
 #define CONIC 2
 #define MIN_FILTER 1
 #define EWA 2
+#define PLANE_DEPTH 1
+#define FRONT_DEPTH 2
 #define PER_FRAGMENT 1
 #define PER_SPLAT 2
 #define VARYING (FIELD || SHADING == PER_FRAGMENT)  // fragments of one splat differ in color or normal

@@ -37,13 +37,32 @@ static inline reals screen_radius2(const prefilters *p, const hit *h, real inver
   return (x * x + y * y) * inverse_radius2;
 }
 
-// r^2 = min(r3^2, r2^2), or the ellipse's r^2. Where the ray misses the disc, the depth is the center's.
-static inline fragment fragment_of(const discs *s, const prefilters *p, const extras *e, const hit *h, real near,
-                                   real far, real inverse_radius2)
+#if FILTER_DEPTH
+// The depth of a fragment that only the pre-filter accepts; the center's where the plane is edge-on (project.cl sets
+// u_1 = 2) or its z is outside near..far, and where no disc is hit. `front` is depth(p).
+static inline reals filter_depth(const discs *s, const prefilters *p, const hit *h, reals plane_z, reals front,
+                                 real near, real far)
+{
+#if FILTER_DEPTH == PLANE_DEPTH
+  const masks in_range = MASK(plane_z >= near) & MASK(plane_z <= far);
+  return SELECT(p->center_z, plane_z, MASK(h->den > R(0.0)) & in_range & ~MASK(s->u_1 == R(2.0)));
+#else
+  return SELECT(p->center_z, front, MASK(front < (real)INFINITY));
+#endif
+}
+#endif
+
+// r^2 = min(r3^2, r2^2), or the ellipse's r^2. Where the ray misses the disc, the depth is the center's, or
+// filter_depth() for the pre-filter alone. `front` is depth(p), which FRONT_DEPTH alone reads.
+static inline fragment fragment_of(const discs *s, const prefilters *p, const extras *e, const hit *h, reals front,
+                                   real near, real far, real inverse_radius2)
 {
   fragment f;
   f.inverse_den = divide(R(1.0), h->den);
   f.z = hit_depth(s, h, f.inverse_den);
+#if FILTER_DEPTH
+  const reals plane_z = f.z;
+#endif
   const masks kept = kept_by_lines(e, h);
   f.disc = h->inside & MASK(f.z >= near) & MASK(f.z <= far) & kept;
 #if ELLIPSE
@@ -59,6 +78,9 @@ static inline fragment fragment_of(const discs *s, const prefilters *p, const ex
   const reals screen_r2 = screen_radius2(p, h, inverse_radius2);
   f.r2 = SELECT(screen_r2, f.r2, f.exists & MASK(f.r2 < screen_r2));
   f.z = SELECT(p->center_z, f.z, ELLIPSE ? f.disc : f.exists);
+#if FILTER_DEPTH
+  f.z = SELECT(filter_depth(s, p, h, plane_z, front, near, far), f.z, f.exists | f.disc);
+#endif
   f.exists |= MASK(screen_r2 <= R(1.0)) & kept;
 #endif
   return f;

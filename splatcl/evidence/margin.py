@@ -1,8 +1,8 @@
 """Margins on the frame's device, in double precision (kernels/evidence/margin.cl).
 
 The kernel keeps the strict profile, so every device gives the same bits. The host computes the other cases
-(host/margin.py): devices without strict double precision, and splats other than ray-cast discs without clip lines. Its
-margins differ from the kernel's only by float64's rounding.
+(host/margin.py): devices without strict double precision, splats other than ray-cast discs without clip lines, and a
+`filter_depth` other than the center's. Its margins differ from the kernel's only by float64's rounding.
 """
 
 from __future__ import annotations

@@ -50,12 +50,13 @@ def attributes(
         surface = Surface(projected.center_eye, projected.normal_eye, color, np.ones(num), *terms)
         color = shade_points(surface, camera, settings)
     for pixels, s in pixel_chunks(camera, num):
-        f = footprints.attribute_fragments(s[:, None])
+        depths = depth.depth.reshape(-1, 1)[pixels]
+        f = footprints.attribute_fragments(s[:, None], depths)
         exists = f.r_squared <= 1
         tolerance = np.full((len(s), 1), epsilon)
         if settings.along == "ray":
             tolerance /= ray_length(camera, s)[:, None]
-        limit = depth.depth.reshape(-1, 1)[pixels] + tolerance
+        limit = depths + tolerance
         strict = settings.epsilon_test == "strict"
         accepted = exists & (f.z < limit if strict else f.z <= limit)
         weight = np.where(accepted, footprints.weight(f), 0.0)
@@ -71,11 +72,10 @@ def attributes(
 
         front = depth.particleid.reshape(-1, 1)[pixels]
         front_scale_z = np.take_along_axis(f.scale_z, np.where(front == NO_SPLAT, 0, front).astype(np.int64), axis=1)
-        is_front = front == np.arange(num)
+        is_front = (front == np.arange(num)) | f.at_front
         depth_margin = _depth_margin(limit - f.z, f.scale_z, front_scale_z, is_front, tolerance)
         if strict:
-            own = _own_margin(depth.depth.reshape(-1, 1)[pixels], tolerance)
-            depth_margin = np.where(is_front, own, depth_margin)
+            depth_margin = np.where(is_front, _own_margin(depths, tolerance), depth_margin)
         depth_margin = np.where(exists, depth_margin, np.inf)
         margin[pixels] = np.minimum(f.margin, depth_margin).min(axis=1)
     return GBuffer(

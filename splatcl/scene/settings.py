@@ -17,6 +17,7 @@ Along = Literal["method", "z", "ray"]
 EpsilonTest = Literal["inclusive", "strict"]
 Prefilter = Literal["method", "min", "none", "ewa"]
 PrefilterCenter = Literal["projected", "bounds", "parallelogram"]
+FilterDepth = Literal["center", "plane", "front"]
 Kernel = Literal["gaussian", "constant", "table"]
 KernelLookup = Literal["nearest", "linear"]
 TableAddressing = Literal["samples", "texture"]
@@ -88,6 +89,9 @@ class RenderSettings:
     prefilter_center : {"projected", "bounds", "parallelogram"}
         projected: measure r2 from the projected center of the splat [BHZK05]; bounds: from the center of the
         projected disc's bounds; parallelogram: from the center of the bounds of the projected corners c +- t_u +- t_v.
+    filter_depth : {"center", "plane", "front"}
+        Depth of a fragment that only the pre-filter "min" accepts. center: the depth of the splat's center; plane:
+        where the ray meets the splat's plane; front: depth(p). Where these have no value, the center's.
     cutoff : float
         Radius of the disc in standard deviations of its Gaussian, 0 to 8: the weight is w = exp(-cutoff^2 r^2 / 2).
         The disc keeps its size. [ZRB04]'s F_g keeps the Gaussian and sizes the disc: scale the splats by
@@ -166,6 +170,7 @@ class RenderSettings:
     table_addressing: TableAddressing = "samples"
     table_over: TableOver = "r"
     epsilon_test: EpsilonTest = "inclusive"
+    filter_depth: FilterDepth = "center"
 
     def __post_init__(self) -> None:
         for name, default in (DEFAULTS | METHODS.get(self.method, {})).items():

@@ -23,6 +23,8 @@ METHODS = {
     "botsch03": RenderSettings(method="botsch03", epsilon=EPSILON),
     "field": RenderSettings(normals="field", epsilon=0.0),
     "conic": RenderSettings(footprint="conic", prefilter_center="bounds", epsilon=EPSILON),
+    "conic plane": RenderSettings(footprint="conic", filter_depth="plane", epsilon=EPSILON),
+    "affine front": RenderSettings(footprint="affine", prefilter="min", filter_depth="front", epsilon=EPSILON),
     "lines": RenderSettings(epsilon=EPSILON, facing="flip"),
 }
 

@@ -19,6 +19,8 @@ CHOICES = {
     "strict": RenderSettings(epsilon=EPSILON, epsilon_test="strict", along="ray"),
     "strict zero": RenderSettings(epsilon=0.0, epsilon_test="strict", facing="flip"),
     "vanishing": RenderSettings(epsilon=1e-7, epsilon_test="strict", prefilter="none"),
+    "plane": RenderSettings(epsilon=EPSILON, filter_depth="plane", prefilter_radius=2.0),
+    "front": RenderSettings(epsilon=EPSILON, filter_depth="front", epsilon_test="strict"),
     "texture": RenderSettings(
         epsilon=EPSILON, kernel="table", kernel_table=(1.0, 0.8, 0.9, 0.1), table_addressing="texture", table_over="r2"
     ),
@@ -32,7 +34,7 @@ CHOICES = {
 }
 
 
-NEW = ("texture", "strict", "linear texture", "strict zero", "vanishing")
+NEW = ("texture", "strict", "plane", "linear texture", "strict zero", "front", "vanishing")
 EVERY = [
     (*view, choices)
     for i, view in enumerate(VIEWS)

@@ -11,6 +11,8 @@ SETTINGS = {
     "table": {"kernel": "table", "kernel_table": (1.0, 0.9, 0.4, 0.15, 0.1), "kernel_lookup": "linear"},
     "texture": {"kernel": "table", "kernel_table": (1, 0.9, 0.4), "table_addressing": "texture", "table_over": "r2"},
     "strict": {"epsilon_test": "strict", "along": "ray"},
+    "plane": {"filter_depth": "plane", "prefilter_radius": 2.0},
+    "front": {"filter_depth": "front", "prefilter_radius": 2.0},
     "auto": {"epsilon": "auto", "cutoff": 0.5},
 }
 

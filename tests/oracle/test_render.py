@@ -241,6 +241,49 @@ def test_zero_weight_is_counted_but_not_covered():
 # ---- pre-filter
 
 
+@pytest.mark.parametrize("projection", ["perspective", "orthographic"])
+def test_the_depth_of_fragments_of_the_prefilter_alone(projection):
+    """A tiny disc at a pixel's corner, tilted by 45 degrees about y: its plane is z = 2 + x."""
+    view = camera(32, projection=projection)
+    tiny = discs(((0, 0, 2.0), (1e-4, 0, 1e-4), (0, 1e-4, 0)))
+    s = rays(view)[15, 15:17, 0]
+    plane = 2 + s if projection == "orthographic" else 2 / (1 - s)
+    means = {
+        depth: render(tiny, view, prefilter="min", filter_depth=depth)["depth.mean"][15, 15:17]
+        for depth in ("center", "plane", "front")
+    }
+    assert_allclose(means["plane"], plane, rtol=ORACLE_RELATIVE)
+    assert_allclose(means["center"], 2, rtol=ORACLE_RELATIVE)
+    assert_array_equal(means["front"], means["center"])  # no disc is hit
+
+
+def test_a_filtered_fragment_at_the_front_layer_passes_the_epsilon_test():
+    """A tiny disc one unit behind a large one: the center's depth hides it, depth(p) does not."""
+    view = camera(32)
+    pair = discs(facing_disc(2.0, 1.0), facing_disc(3.0, 1e-4))
+    counts = {
+        (depth, test): render(pair, view, prefilter="min", filter_depth=depth, epsilon=0.0, epsilon_test=test)
+        for depth, test in (("center", "inclusive"), ("front", "inclusive"), ("front", "strict"))
+    }
+    assert [image["count"][15, 15] for image in counts.values()] == [1, 2, 0]
+    assert counts["front", "inclusive"]["depth.mean"][15, 15] == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("u", "v"),
+    [
+        ((0, 0, 1e-4), (0, 1e-4, 0)),  # edge-on
+        ((2e-5, 0, 1e-2), (0, 1e-4, 0)),  # nearly so: the plane z = 2 + 500 x is behind the eye at x > 0
+    ],
+)
+def test_a_plane_without_a_depth_leaves_the_center_s(u, v):
+    view = camera(32)
+    image = render(discs(((0, 0, 2.0), u, v)), view, prefilter="min", filter_depth="plane")
+    covered = image["count"][15:17, 15:17] > 0
+    assert covered.all() and np.isfinite(image["depth.mean"][15:17, 15:17]).all()
+    assert_allclose(image["depth.mean"][15:17, 16], 2.0, rtol=ORACLE_RELATIVE)
+
+
 @pytest.mark.parametrize(("radius", "num", "squares"), [(1.0, 4, (0.5,)), (2.0, 12, (0.5, 2.5))])
 def test_sub_pixel_splat_lives_by_its_prefilter(radius, num, squares):
     """A tiny splat projects onto a corner of pixels, with centers sqrt(1/2), sqrt(5/2) ... away."""

@@ -114,11 +114,13 @@ def test_methods_without_perspective(renderer, method):
     [
         pytest.param(RenderSettings(footprint="affine", prefilter="min", **CULL), marks=pytest.mark.slow),
         RenderSettings(footprint="conic", prefilter="min", prefilter_center="bounds", prefilter_radius=3.0, **CULL),
+        RenderSettings(footprint="conic", prefilter="min", filter_depth="plane", **CULL),
+        RenderSettings(footprint="affine", prefilter="min", filter_depth="front", epsilon_test="strict"),
         RenderSettings(footprint="conic", prefilter="none", along="ray", facing="cull"),
         RenderSettings(method="zwicker04", shading="deferred", cutoff=3.0, prefilter_radius=2.0),
         RenderSettings(normals="field", kernel="constant", **LIT, **CULL),
     ],
-    ids=["affine min", "conic min", "conic none", "wide ewa", "field deferred"],
+    ids=["affine min", "conic min", "conic plane", "affine front", "conic none", "wide ewa", "field deferred"],
 )
 def test_settings_compose(renderer, settings):
     compare(renderer, extended("random_ellipses", 3, True, True), CAMERAS["outside"], settings)

@@ -27,12 +27,13 @@ PLAIN = {
     "LANES": 8, "DOUBLE": 0, "ON_POCL": 0, "EXACT_DIVIDE": 1, "EXACT_SQRT": 1, "TILE": 16, "REGION": 16,
     "ORTHOGRAPHIC": 0, "CENTER_LOW": 0, "ELLIPSE": 0, "PREFILTER": 1, "CLIP": 0, "FIELD": 0, "GLOSS": 0, "SHADING": 0,
     "SHADER": '"shading/shaders/albedo.h"', "KERNEL": 0, "TARGET": 0, "CHANNELS": 0, "LAYER": 0, "RESOLVED": 0,
-    "SHADOWS": 0, "LIGHTMAP": 3, "TABLE_TEXTURE": 0, "TABLE_OVER_R2": 0, "STRICT_EPSILON": 0,
+    "SHADOWS": 0, "LIGHTMAP": 3, "TABLE_TEXTURE": 0, "TABLE_OVER_R2": 0, "STRICT_EPSILON": 0, "FILTER_DEPTH": 0,
 }  # fmt: skip
 RICH = PLAIN | {
     "LANES": 4, "DOUBLE": 1, "EXACT_DIVIDE": 0, "EXACT_SQRT": 0, "ORTHOGRAPHIC": 1, "CENTER_LOW": 1, "ELLIPSE": 2,
     "PREFILTER": 2, "CLIP": 1, "FIELD": 1, "GLOSS": 1, "SHADER": '"shading/shaders/phong.h"', "KERNEL": 3, "TARGET": 2,
     "CHANNELS": 1, "LAYER": 2, "RESOLVED": 1, "TABLE_TEXTURE": 1, "TABLE_OVER_R2": 1, "STRICT_EPSILON": 1,
+    "FILTER_DEPTH": 2,
 }  # fmt: skip
 
 

@@ -81,6 +81,8 @@ def scenes() -> tuple[GoldenScene, ...]:
         GoldenScene("orthographic", discs, flat, RenderSettings(0.125, facing="flip", shader="normal")),
         GoldenScene("sub_pixel", small, far, RenderSettings(0.0625)),
         GoldenScene("sub_pixel_bounds", small, far, bounds),
+        GoldenScene("filter_plane", small, far, RenderSettings(0.0625, filter_depth="plane")),
+        GoldenScene("filter_front", small, far, RenderSettings(0.0625, filter_depth="front")),
         GoldenScene("layers", layered, before, RenderSettings(0.125, shader="albedo")),
         GoldenScene("layers_front", layered, before, RenderSettings(0.0, shader="albedo")),
         GoldenScene("layers_strict", layered, before, RenderSettings(0.125, shader="albedo", epsilon_test="strict")),

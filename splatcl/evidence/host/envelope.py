@@ -123,7 +123,8 @@ def _depths(f: Fragments, may: _States, tolerance: float) -> tuple[tuple[Array, 
 
     They include the disc's depth where the ray may hit it, except for fragments of discs under a strict epsilon of 0,
     which rejects them. They include the center's depth where the ray may miss the
-    disc but hit the elliptical footprint, or for fragments also the pre-filter.
+    disc but hit the elliptical footprint, or for fragments also the pre-filter. The pre-filter's depth may be the
+    plane's instead. Fragments at depth(p) are left out.
     """
     error, center_error = tolerance * UNIT * f.disc.scale_z, tolerance * UNIT * np.abs(f.center_z)
     disc_low = np.where(may.disc_possible, f.disc.z - error, np.inf)
@@ -131,13 +132,20 @@ def _depths(f: Fragments, may: _States, tolerance: float) -> tuple[tuple[Array, 
     ends = []
     rejected = f.strict & (f.tolerance == 0) & (not f.of_ellipses)
     tested_low = np.where(rejected, np.inf, disc_low)
-    for beside, own_low in (
-        (np.full(len(error), f.of_ellipses), disc_low),
-        (may.filter_possible | f.of_ellipses, tested_low),
+    by_filter = may.filter_possible & ~may.disc_sure & (f.filter_depth != "front")
+    tested_high = disc_high
+    if f.filter_depth == "plane":
+        plane = by_filter & (f.disc.plane_margin > -tolerance)
+        tested_low = np.minimum(tested_low, np.where(plane, f.disc.z - error, np.inf))
+        tested_high = np.maximum(tested_high, np.where(plane, f.disc.z + error, -np.inf))
+        by_filter = by_filter & (f.disc.plane_margin <= tolerance)
+    of_ellipses = f.of_ellipses & ~may.disc_sure
+    for by_center, own_low, own_high in (
+        (of_ellipses, disc_low, disc_high),
+        (by_filter | of_ellipses, tested_low, tested_high),
     ):
-        by_center = beside & ~may.disc_sure
         low = np.minimum(own_low, np.where(by_center, f.center_z - center_error, np.inf))
-        high = np.maximum(disc_high, np.where(by_center, f.center_z + center_error, -np.inf))
+        high = np.maximum(own_high, np.where(by_center, f.center_z + center_error, -np.inf))
         ends.append((low, high))
     return ends[0], ends[1]
 
@@ -161,8 +169,11 @@ def _choices(
         farthest = np.maximum(np.abs(z_low), np.abs(z_high)) + f.tolerance
         passes = f.tolerance - slack > tolerance * UNIT * farthest
     front = may.hit_sure & may.drawn_sure & is_first & alone & (hit_high < second) & passes
-    sure = (may.drawn_sure | may.filter_sure) & before(high, z_low + f.tolerance - slack) | front
-    possible = (may.drawn_possible | may.filter_possible) & before(low, z_high + f.tolerance + slack)
+    at_front = may.filter_possible & ~may.disc_sure & (f.filter_depth == "front")  # its z may be depth(p) itself
+    accepted = before(high, z_low + f.tolerance - slack) & (passes | ~at_front)
+    sure = (may.drawn_sure | may.filter_sure) & accepted | front
+    accepted = before(low, z_high + f.tolerance + slack) | at_front
+    possible = (may.drawn_possible | may.filter_possible) & accepted
     weight_low, weight_high = _pair_weights(f, may, settings, tolerance)
     may_be_front = may.hit_possible & (hit_low <= z_high)
     choices = Choices(sure, possible & (weight_high > 0), weight_low, weight_high)

@@ -20,7 +20,7 @@ from splatcl.oracle.geometry.ellipses import Coverage
 from splatcl.oracle.geometry.fragments import Footprints
 from splatcl.oracle.geometry.rays import OFFSET_ERROR, TINY, UNIT, ray_length
 from splatcl.scene.camera import Camera
-from splatcl.scene.settings import RenderSettings
+from splatcl.scene.settings import FilterDepth, RenderSettings
 
 Array = NDArray[Any]
 Part = TypeVar("Part", Coverage, Hits)
@@ -62,6 +62,8 @@ class Fragments:
     center_z: Array  # (K,) eye z of the splat's center, scene units
     tolerance: Array  # (K,) epsilon along z, scene units
     strict: bool  # True: the epsilon test is z < depth(p) + epsilon
+    filter_depth: FilterDepth  # depth of the fragments of the pre-filter alone
+    plane_distance: Array  # (K,) signed, of the plane's z from the nearer end of [near, far], scene units
     of_ellipses: bool  # True: a ray may hit the footprint but miss the disc, and then takes the center's depth
     factor: Array  # (K,) of the weight: EWA's sqrt(|V| / |V + H|), else 1
     scale_factor: Array  # (K,) error scale of `factor`, relative
@@ -72,6 +74,11 @@ def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
     disc, hit, drawn, filtered = (part.margin >= 0 for part in (f.disc, f.hit, f.drawn, f.filter))
     fragment_z = np.where(disc, f.disc.z, f.center_z)
     fragment_scale = np.where(disc, f.disc.scale_z, np.abs(f.center_z) + TINY)
+    by_filter = filtered & ~(drawn | disc)
+    if f.filter_depth == "plane":
+        on_plane = by_filter & (f.disc.plane_margin >= 0)
+        fragment_z = np.where(on_plane, f.disc.z, fragment_z)
+        fragment_scale = np.where(on_plane, f.disc.scale_z, fragment_scale)
     z = np.where(hit, fragment_z, np.inf)
     depth = pairs.least(z)[pairs.run]
     front = pairs.least(np.where(hit & (z == depth), pairs.splat, NO_SPLAT))[pairs.run]
@@ -81,7 +88,13 @@ def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
         [np.abs(f.hit.margin)],
         [np.abs(1 - np.nan_to_num(f.hit.r))],
     )  # r of an exactly edge-on disc is 0 / 0
+    at_front = by_filter & np.isfinite(depth) & (f.filter_depth == "front")
+    fragment_z = np.where(at_front, depth, fragment_z)
+    is_depth = is_front | at_front  # the fragment's z is depth(p) itself
     with np.errstate(invalid="ignore", over="ignore"):
+        if f.filter_depth == "plane":
+            margins.append(np.where(by_filter, np.abs(f.disc.plane_margin), np.inf))
+            distances.append(np.abs(np.nan_to_num(f.plane_distance)))
         if f.of_ellipses:
             margins.append(np.abs(f.drawn.margin))
             distances.append(np.abs(1 - np.nan_to_num(f.drawn.r)))
@@ -92,10 +105,10 @@ def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
         distances.append(gap)
         margins.append(np.where(drawn, np.inf, np.abs(f.filter.margin)))
         distances.append(np.abs(1 - f.filter.r))
-        # The front-most splat passes unless epsilon vanishes in depth(p) + epsilon; a strict epsilon of 0 rejects it.
-        slack = np.where(is_front, f.tolerance, np.abs(depth + f.tolerance - fragment_z))
-        scale = np.where(is_front, np.abs(depth), fragment_scale + front_scale) + f.tolerance
-        decided = ~is_front | (f.strict & (f.tolerance > 0))
+        # depth(p) itself passes unless epsilon vanishes in depth(p) + epsilon; a strict epsilon of 0 rejects it.
+        slack = np.where(is_depth, f.tolerance, np.abs(depth + f.tolerance - fragment_z))
+        scale = np.where(is_depth, np.abs(depth), fragment_scale + front_scale) + f.tolerance
+        decided = ~is_depth | (f.strict & (f.tolerance > 0))
         tested = (drawn | filtered) & decided & np.isfinite(depth)
         margins.append(np.where(tested, slack / (UNIT * scale), np.inf))
         distances.append(slack)
@@ -118,6 +131,7 @@ def fragments(
     own = replace(own, prefilter_error=np.maximum(own.prefilter_error, offset_error))
     footprints = Footprints.of(own, camera, settings, offset_error)
     disc = intersect(footprints.discs, camera, pairs.s)
+    disc = replace(disc, plane_margin=np.where(np.isnan(disc.plane_margin), -np.inf, disc.plane_margin))
     hit = drawn = _known(footprints.coverage(disc, pairs.s, filtered=False))
     nothing = np.zeros(len(pairs.splat))
     factor, scale_factor = nothing + 1, nothing
@@ -138,6 +152,8 @@ def fragments(
         center_z=own.center_eye[:, 2],
         tolerance=tolerance,
         strict=settings.epsilon_test == "strict",
+        filter_depth=settings.filter_depth,
+        plane_distance=np.minimum(disc.z - camera.near, camera.far - disc.z),
         of_ellipses=footprints.ellipses is not None,
         factor=factor,
         scale_factor=scale_factor,

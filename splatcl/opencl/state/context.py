@@ -20,6 +20,7 @@ FEW_TILES, MANY_ENTRIES = 8, 4096
 """A band with fewer tiles than `FEW_TILES`, and more than `MANY_ENTRIES` entries per tile, gets smaller work-items."""
 FOOTPRINTS = {"raycast": 0, "affine": 1, "conic": 2}
 PREFILTERS = {"none": 0, "min": 1, "ewa": 2}
+FILTER_DEPTHS = {"center": 0, "plane": 1, "front": 2}
 DEFERRED, PER_FRAGMENT, PER_SPLAT = 0, 1, 2
 SHADING = {"deferred": DEFERRED, "fragment": PER_FRAGMENT, "splat": PER_SPLAT}
 TARGETS = {"float16": 1, "unorm8": 2, "float16_clamped": 4}
@@ -62,12 +63,14 @@ class PassContext:
         self.method: dict[str, Any] = {
             "ELLIPSE": FOOTPRINTS[settings.footprint],
             "PREFILTER": PREFILTERS[settings.prefilter],
+            "FILTER_DEPTH": FILTER_DEPTHS[settings.filter_depth] if settings.prefilter == "min" else 0,
             "FIELD": int(settings.normals == "field"),
             "SHADING": SHADING[settings.shading],
             "SHADER": shader_header("albedo" if settings.shading == "deferred" else settings.shader),
         }
-        # Back-face culling already removes most hidden splats of a closed surface, so layers would not pay.
-        self.layers = (EVERY,) if settings.facing == "cull" else (FRONT, BEHIND)
+        # Back-face culling already removes most hidden splats of a closed surface, so layers would not pay. The bin
+        # pass bounds the depths of the disc and the center alone.
+        self.layers = (EVERY,) if settings.facing == "cull" or self.method["FILTER_DEPTH"] else (FRONT, BEHIND)
 
     def run(self, kernel: str, size: tuple[int, ...], *args: Any, group: int = 1, **options: str | int) -> None:
         """Run `kernel` (`program.file_of` finds its file), built for this frame, over `size` work-items.

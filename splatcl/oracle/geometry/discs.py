@@ -37,6 +37,7 @@ class Discs:
     kappa: Array  # (N,) relative error of g.s at the center (splatcl/oracle/__init__.py)
     usable: Array  # (N,) bool: neither edge-on nor culled
     usable_margin: Array  # (N,) signed
+    edge_margin: Array  # (N,) signed, of not being edge-on
     clips: Array  # (2, 3, N) forms of the clip lines, which keep a pixel where they are >= 0; zeros for no line
     offset_error: float = OFFSET_ERROR  # of a pixel's offset from the projected center, 2^-24 pixels
 
@@ -63,13 +64,14 @@ class Discs:
         with np.errstate(divide="ignore", invalid="ignore"):
             d_center = np.abs(c_g / c[:, 2]) if camera.projection == "perspective" else np.abs(g[:, 2])
             kappa = longest / np.linalg.norm(g, axis=1) / cosine
-        usable_margin = np.minimum((cosine - EDGE_ON) / (UNIT * cosine_scale), projected.facing_margin)
+        edge_margin = (cosine - EDGE_ON) / (UNIT * cosine_scale)
+        usable_margin = np.minimum(edge_margin, projected.facing_margin)
         usable_margin[out_of_range(projected, camera)] = -np.inf
         usable = (cosine > EDGE_ON) & ~projected.culled
         clips = np.einsum("nlk,kjn->ljn", projected.clip, forms[[0, 1, 3]])
         constant = np.stack([zero, zero, np.ones(len(c))])[None] * projected.clip[:, :, 2].T[:, None]
         clips = np.where(cosine > EDGE_ON, clips, constant)  # an edge-on disc is on the side of its center
-        return cls(forms, to_image_plane(c, camera), d_center, kappa, usable, usable_margin, clips)
+        return cls(forms, to_image_plane(c, camera), d_center, kappa, usable, usable_margin, edge_margin, clips)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +88,7 @@ class Hits:
     v: Array
     kept: Array  # bool: no clip line cuts it off
     kept_margin: Array  # signed
+    plane_margin: Array  # signed, of the plane's z in [near, far] and the disc not edge-on
 
 
 def out_of_range(projected: ProjectedSplats, camera: Camera) -> Array:
@@ -112,11 +115,13 @@ def intersect(discs: Discs, camera: Camera, s: Array) -> Hits:
         error_d = discs.d_center + steep * (d_abs[0] * e_x + d_abs[1] * e_y)
         error_z = steep * (z_abs[0] * e_x + z_abs[1] * e_y)
         scale_z = (np.abs(z) * error_d + error_z) / np.abs(d) + TINY
-        margin = np.fmin((d - size) / (UNIT * scale_r), range_margin(z, scale_z, camera))
+        in_range = range_margin(z, scale_z, camera)
+        margin = np.fmin((d - size) / (UNIT * scale_r), in_range)
         scale_r /= np.abs(d)
         r = size / np.abs(d)
         margin = np.fmin(np.fmin(margin, discs.usable_margin), kept_margin)
-        return Hits(r_squared, r, z, scale_z, scale_r, margin, u / d, v / d, kept, kept_margin)
+        plane_margin = np.minimum(in_range, discs.edge_margin)
+        return Hits(r_squared, r, z, scale_z, scale_r, margin, u / d, v / d, kept, kept_margin, plane_margin)
 
 
 def _scale(discs: Discs, camera: Camera, s: Array) -> tuple[Array, Array, Array]:

@@ -23,6 +23,7 @@ class Fragments:
     scale_z: Array  # rounding error of z, 2^-24 scene units
     margin: Array  # unsigned, least of the decisions that made the fragment
     on_disc: Array  # bool: the ray meets the disc itself
+    at_front: Array  # bool: z is depth(p) itself, under filter_depth="front"
     u: Array  # disc coordinates of the ray's point on the splat's plane
     v: Array
 
@@ -62,11 +63,30 @@ class Footprints:
         hits = intersect(self.discs, self.camera, s)
         return self._fragments(hits, self.coverage(hits, s, filtered=False))
 
-    def attribute_fragments(self, s: Array) -> Fragments:
-        """Return the fragments of the attribute pass, r^2 = min(r3^2, r2^2) under the pre-filter "min"."""
+    def attribute_fragments(self, s: Array, depth: Array) -> Fragments:
+        """Return the fragments of the attribute pass, r^2 = min(r3^2, r2^2) under the pre-filter "min".
+
+        `depth` (P, 1) is depth(p), for filter_depth="front".
+        """
         hits = intersect(self.discs, self.camera, s)
         footprint = self.coverage(hits, s, filtered=True)
-        return self._fragments(hits, footprint, self.prefilter(hits, s) if self.settings.prefilter == "min" else None)
+        if self.settings.prefilter != "min":
+            return self._fragments(hits, footprint)
+        prefilter = self.prefilter(hits, s)
+        by_filter = ~((footprint.r_squared <= 1) | (hits.r_squared <= 1)) & (prefilter.r_squared <= 1)
+        return self._with_filter_depth(self._fragments(hits, footprint, prefilter), hits, by_filter, depth)
+
+    def _with_filter_depth(self, f: Fragments, hits: Hits, by_filter: Array, depth: Array) -> Fragments:
+        """Give the fragments of the pre-filter alone, (P, N) bool `by_filter`, the depth of `filter_depth`."""
+        if self.settings.filter_depth == "plane":
+            on_plane = by_filter & (hits.plane_margin >= 0)
+            margin = np.fmin(f.margin, np.where(by_filter, np.abs(hits.plane_margin), np.inf))
+            z, scale_z = np.where(on_plane, hits.z, f.z), np.where(on_plane, hits.scale_z, f.scale_z)
+            return replace(f, z=z, scale_z=scale_z, margin=margin)
+        if self.settings.filter_depth == "front":
+            at_front = by_filter & np.isfinite(depth)
+            return replace(f, z=np.where(at_front, depth, f.z), at_front=at_front)
+        return f
 
     def _fragments(self, hits: Hits, footprint: Coverage, prefilter: Coverage | None = None) -> Fragments:
         """Join footprint and pre-filter; a fragment whose ray misses the disc takes the depth of the splat's center."""
@@ -79,7 +99,7 @@ class Footprints:
         on_disc, center_z = hits.r_squared <= 1, self.projected.center_eye[:, 2]
         z = np.where(on_disc, hits.z, center_z)
         scale_z = np.where(on_disc, hits.scale_z, np.abs(center_z) + TINY)
-        return Fragments(r_squared, z, scale_z, margin, on_disc, hits.u, hits.v)
+        return Fragments(r_squared, z, scale_z, margin, on_disc, np.zeros(z.shape, bool), hits.u, hits.v)
 
     def weight(self, f: Fragments) -> Array:
         """Return the weights (P, N) of fragments, EWA's factor included; 0 where there is no fragment."""
