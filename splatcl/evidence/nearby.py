@@ -126,8 +126,8 @@ def double_context(session: Session, camera: Camera, settings: RenderSettings) -
 
 
 def draws_discs(uploaded: UploadedSplats, settings: RenderSettings) -> bool:
-    """Return True if the splats are ray-cast discs without clip lines; the kernels support no other."""
-    return settings.footprint == "raycast" and uploaded.splats.clip is None
+    """Return True if the splats are whole ray-cast discs without clip lines; the kernels support no other."""
+    return settings.footprint == "raycast" and settings.sprite == "exact" and uploaded.splats.clip is None
 
 
 def has_strict_double(session: Session) -> bool:

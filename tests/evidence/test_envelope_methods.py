@@ -23,6 +23,7 @@ METHODS = {
     "botsch03": RenderSettings(method="botsch03", epsilon=EPSILON),
     "field": RenderSettings(normals="field", epsilon=0.0),
     "conic": RenderSettings(footprint="conic", prefilter_center="bounds", epsilon=EPSILON),
+    "point": RenderSettings(sprite="point", epsilon=EPSILON, facing="flip"),
     "lines": RenderSettings(epsilon=EPSILON, facing="flip"),
 }
 

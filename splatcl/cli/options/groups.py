@@ -10,7 +10,7 @@ SUBJECTS = {
     "Method": ("method", "footprint", "circular", "normals", "shading"),
     "Visibility": ("epsilon", "along", "facing"),
     "Weights": (
-        *("prefilter", "prefilter-radius", "prefilter-center"),
+        *("prefilter", "prefilter-radius", "prefilter-center", "sprite"),
         *("cutoff", "kernel", "kernel-table", "kernel-lookup"),
     ),
     "Color and lights": ("shader", "user-shader", "light", "material", "npr", "time"),

@@ -62,6 +62,7 @@ class PassContext:
         self.method: dict[str, Any] = {
             "ELLIPSE": FOOTPRINTS[settings.footprint],
             "PREFILTER": PREFILTERS[settings.prefilter],
+            "POINT": int(settings.sprite == "point"),
             "FIELD": int(settings.normals == "field"),
             "SHADING": SHADING[settings.shading],
             "SHADER": shader_header("albedo" if settings.shading == "deferred" else settings.shader),
