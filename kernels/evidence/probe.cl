@@ -86,6 +86,9 @@ kernel void probe_depth(global const ProjectedSplat *records, global const Proje
     if (!covered) z = p.record.center_z;
     covered = ellipse_radius2(&p.extra, &p.extra.shape, &p.hit) <= R(1.0);
 #endif
+#if POINT
+    covered &= x >= p.record.x_min && x <= p.record.x_max && y >= p.record.y_min && y <= p.record.y_max;
+#endif
     if (!covered || !kept_by_lines(&p.extra, &p.hit) || !(z < depth[0])) continue;
     depth[0] = z;
     particleid[0] = ids[i];
@@ -97,7 +100,8 @@ kernel void probe_rows(constant View *view, global const ProjectedSplat *records
                        global const SplatAttributes *attributes, global const int *ids, const int num_records,
                        const int x, const int y, const real near, const real far, global const real *depth,
                        const real epsilon, const int along_ray, const real falloff, const real inverse_radius2,
-                       constant real *table, const int table_size, global ProbedSplat *rows FRAGMENT_LIGHT_PARAMETERS)
+                       constant real *table, const int table_size, global const short4 *boxes,
+                       global ProbedSplat *rows FRAGMENT_LIGHT_PARAMETERS)
 {
   const real farthest = farthest_accepted(view, (reals)x, (reals)y, depth[0], epsilon, along_ray);
   const fragment_settings r = {near, far, falloff, inverse_radius2, table, table_size, 0, 0 FRAGMENT_LIGHT_ARGUMENTS};
@@ -108,8 +112,14 @@ kernel void probe_rows(constant View *view, global const ProjectedSplat *records
     const real inverse_den = divide(R(1.0), p.hit.den);
     const real disc_z = hit_depth(&p.disc, &p.hit, inverse_den);
     const int in_range = disc_z >= near && disc_z <= far, kept = kept_by_lines(&p.extra, &p.hit) != 0;
+#if POINT
+    const short4 box = boxes[i];  // x_min, y_min, x_max, y_max
+    const masks asked = -(masks)(x >= box.x && x <= box.z && y >= box.y && y <= box.w);
+#else
+    const masks asked = (masks)-1;
+#endif
     const contribution f =
-        contribution_at(&p.disc, &p.prefilter, &p.extra, (reals)x, (reals)y, (masks)-1, (reals)depth[0],
+        contribution_at(&p.disc, &p.prefilter, &p.extra, (reals)x, (reals)y, asked, (reals)depth[0],
                         (reals)(real)INFINITY, &r);
     const int exists = f.accepted != 0, accepted = exists && is_accepted(f.z, farthest);
     real8 values;

@@ -4,6 +4,7 @@
 //
 // CENTER_LOW  1: centers have a low word, as float64 input in single precision has, 0: not
 // LAYER       the entries to project (occlusion.h)
+// POINT       1: a splat is drawn only in the square point of [BHZK05] section 3, 0: in all its pixels
 
 #include "arithmetic/reals.h"
 #include "arithmetic/exact.h"
@@ -203,16 +204,13 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   // The bounds of the pre-filter, about the projected center or about the center of the disc's bounds, or of the
   // parallelogram's.
   masks at_bounds = (masks)(view->prefilter_center ? -1 : 0);
+#if !ORTHOGRAPHIC  // there all centers are the same
   if (view->prefilter_center == AT_PARALLELOGRAM) {
-#if ORTHOGRAPHIC
-    ex.middle = center_x;
-    ey.middle = center_y;
-#else
     ex.middle = center_x + corners_middle(divide(c.x, c.z), tu.x, tv.x, tu.z, tv.z, c.z, view->fx_hi);
     ey.middle = center_y + corners_middle(divide(c.y, c.z), tu.y, tv.y, tu.z, tv.z, c.z, view->fy_hi);
     exact = MASK(c.z - (magnitude(tu.z) + magnitude(tv.z)) > c.z * CLEAR);
-#endif
   }
+#endif
   masks filtered = MASK(c.z >= view->near) & MASK(c.z <= view->far) & (exact | ~at_bounds);
   filtered = filtered & (masks)(view->prefilter ? -1 : 0);
   s.prefilter_x = SELECT(center_x, ex.middle, at_bounds);
@@ -220,6 +218,14 @@ static inline projected project_splats(constant View *view, reals3 world, reals3
   const extent filter_x = {s.prefilter_x, view->prefilter_radius}, filter_y = {s.prefilter_y, view->prefilter_radius};
   const bounds drawn = around_both(covered, bounds_of(filter_x, filter_y, SLACK_PIXELS, filtered & ~culled));
   s.drawn = pixels_of(view, &s, &drawn);
+#if POINT
+  const reals longest = square_root(at_least(dot3(tu, tu), dot3(tv, tv)));
+  const reals half_side = (ORTHOGRAPHIC ? longest : divide(longest, c.z)) * view->fy_hi;
+  const reals drawn_half = view->prefilter ? at_least(half_side, (reals)view->prefilter_radius) : half_side;
+  const masks drawable = MASK(c.z >= view->near) & MASK(c.z <= view->far);
+  cut_to_point(view, &s, &s.disc, center_x, center_y, half_side, drawable);
+  cut_to_point(view, &s, &s.drawn, center_x, center_y, drawn_half, drawable);
+#endif
   s.prefilter_x = SELECT(NOWHERE, s.prefilter_x, filtered);
   s.prefilter_y = SELECT(NOWHERE, s.prefilter_y, filtered);
 

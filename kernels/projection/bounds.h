@@ -97,6 +97,28 @@ static inline boxes pixels_of(constant View *view, const projected *s, const bou
   return p;
 }
 
+#define MOST_STEPS R(2097152.0)  // pixels from a reference point; more are outside every image
+
+// Cut a box to the pixels within `half_side` of the projected center, which is at (x, y) from the reference point.
+// Whole pixels are counted from the reference pixel, so the decision errs by the roundings of the offset alone.
+static inline void cut_to_point(constant View *view, const projected *s, boxes *b, reals x, reals y, reals half_side,
+                                masks drawable)
+{
+  const reals reach = at_most(half_side, (reals)MOST_STEPS);
+  const reals dx = at_least(at_most(s->offset_x + x, (reals)MOST_STEPS), (reals)-MOST_STEPS);
+  const reals dy = at_least(at_most(s->offset_y + y, (reals)MOST_STEPS), (reals)-MOST_STEPS);
+  const reals column = s->pixel_x - (real)view->first_column, row = s->pixel_y - (real)view->first_row;
+  const boxes cut = {
+      at_least(b->x_first, column + round_up(dx - reach)), at_most(b->x_last, column + round_down(dx + reach)),
+      at_least(b->y_first, row + round_up(dy - reach)), at_most(b->y_last, row + round_down(dy + reach))};
+  const masks none = ~drawable | MASK(cut.x_first > cut.x_last) | MASK(cut.y_first > cut.y_last) |
+                     MASK(b->x_first > b->x_last) | MASK(b->y_first > b->y_last);
+  b->x_first = SELECT(cut.x_first, R(1.0), none);
+  b->x_last = SELECT(cut.x_last, R(0.0), none);
+  b->y_first = SELECT(cut.y_first, R(0.0), none);
+  b->y_last = SELECT(cut.y_last, R(0.0), none);
+}
+
 // The least value of hit_depth (splat/disc.h) at the pixels of `drawn`. Each of its roundings is monotonic, so the
 // least depth is at a corner, to the bit. No slack would be safe for nearly parallel tangents.
 static inline reals least_depth(constant View *view, const projected *s)

@@ -126,12 +126,13 @@ def double_context(session: Session, camera: Camera, settings: RenderSettings) -
 
 
 def draws_discs(uploaded: UploadedSplats, settings: RenderSettings) -> bool:
-    """Return True if the splats are ray-cast discs without clip lines, with the center's depth beside the disc.
+    """Return True if the splats are whole ray-cast discs without clip lines, with the center's depth beside the disc.
 
     The kernels support no other.
     """
     usual_depth = settings.prefilter != "min" or settings.filter_depth == "center"
-    return settings.footprint == "raycast" and uploaded.splats.clip is None and usual_depth
+    whole = settings.sprite == "exact" and uploaded.splats.clip is None
+    return settings.footprint == "raycast" and whole and usual_depth
 
 
 def has_strict_double(session: Session) -> bool:

@@ -84,7 +84,7 @@ def at_pixel(
             context.run("probe_depth", (1,), *inputs, particleid, **options)
         structs = shading_structs(context) if options["SHADING"] == PER_FRAGMENT else ()
         output = device.buffer(num * context.dtypes["ProbedSplat"].itemsize)
-        context.run("probe_rows", (1,), view, *inputs, *arguments, output, *structs, **options)
+        context.run("probe_rows", (1,), view, *inputs, *arguments, projected.boxes, output, *structs, **options)
         found = device.read(output, (num,), context.dtypes["ProbedSplat"])
         rows[verdict] = found[~np.isin(found["id"], known)]
         known = np.union1d(known, found["id"])

@@ -7,6 +7,7 @@ import numpy as np
 from splatcl.oracle.buffers import NOTHING, Array, ProjectedSplats
 from splatcl.oracle.geometry.discs import disc_bounds
 from splatcl.oracle.geometry.ellipse_maps import EllipseMaps
+from splatcl.oracle.geometry.points import point_half
 from splatcl.oracle.geometry.rays import (
     CLEAR,
     EDGE_ON,
@@ -61,6 +62,12 @@ def project(splats: Splats, camera: Camera, settings: RenderSettings) -> Project
     square[present < 0] = NOTHING
     bounds = np.hstack([np.minimum(covered, square)[:, :2], np.maximum(covered, square)[:, 2:]])
     bounds[culled] = NOTHING
+    if settings.sprite == "point":
+        half = point_half(t_u, t_v, center[:, 2], camera, settings, filtered=True)[:, None]
+        middle = to_raster(to_image_plane(center, camera), camera)
+        low, high = np.maximum(bounds[:, :2], middle - half), np.minimum(bounds[:, 2:], middle + half)
+        outside = (low > high).any(axis=1) | (center[:, 2] < camera.near) | (center[:, 2] > camera.far)
+        bounds = np.where(outside[:, None], NOTHING, np.hstack([low, high]))
     hidden = (center[:, 2:] <= 0) & (camera.projection == "perspective")
     center_raster = np.where(hidden, np.nan, to_raster(to_image_plane(center, camera), camera))
     return ProjectedSplats(

@@ -18,6 +18,7 @@ EpsilonTest = Literal["inclusive", "strict"]
 Prefilter = Literal["method", "min", "none", "ewa"]
 PrefilterCenter = Literal["projected", "bounds", "parallelogram"]
 FilterDepth = Literal["center", "plane", "front"]
+Sprite = Literal["exact", "point"]
 Kernel = Literal["gaussian", "constant", "table"]
 KernelLookup = Literal["nearest", "linear"]
 TableAddressing = Literal["samples", "texture"]
@@ -92,6 +93,9 @@ class RenderSettings:
     filter_depth : {"center", "plane", "front"}
         Depth of a fragment that only the pre-filter "min" accepts. center: the depth of the splat's center; plane:
         where the ray meets the splat's plane; front: depth(p). Where these have no value, the center's.
+    sprite : {"exact", "point"}
+        exact: draw every pixel of a splat; point: draw those in the square point of [BHZK05, section 3], whose side is
+        2 r f_y / c_z, which cuts discs that are near and tilted, or far off the axis.
     cutoff : float
         Radius of the disc in standard deviations of its Gaussian, 0 to 8: the weight is w = exp(-cutoff^2 r^2 / 2).
         The disc keeps its size. [ZRB04]'s F_g keeps the Gaussian and sizes the disc: scale the splats by
@@ -146,6 +150,7 @@ class RenderSettings:
     prefilter: Prefilter = "method"
     prefilter_radius: float = 1.0
     prefilter_center: PrefilterCenter = "projected"
+    sprite: Sprite = "exact"
     cutoff: float = 2.0
     kernel: Kernel = "gaussian"
     kernel_table: tuple[float, ...] = ()
@@ -216,6 +221,11 @@ class RenderSettings:
                 raise SettingsError("prefilter='ewa' needs an ellipse; choose footprint='affine' or 'conic'")
             if self.kernel != "gaussian" or not self.cutoff:
                 raise SettingsError("prefilter='ewa' needs a Gaussian; choose kernel='gaussian' and a cutoff above 0")
+        if self.sprite == "point" and self.footprint != "raycast":
+            raise SettingsError(
+                f"sprite='point' cannot be combined with footprint={self.footprint!r}: ellipses have exact bounds; "
+                "choose footprint='raycast', or sprite='exact'"
+            )
         shadows = any(light.shadow != "none" for light in self.lights)
         if shadows and self.shading != "deferred":
             raise SettingsError(

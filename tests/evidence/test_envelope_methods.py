@@ -25,6 +25,7 @@ METHODS = {
     "conic": RenderSettings(footprint="conic", prefilter_center="bounds", epsilon=EPSILON),
     "conic plane": RenderSettings(footprint="conic", filter_depth="plane", epsilon=EPSILON),
     "affine front": RenderSettings(footprint="affine", prefilter="min", filter_depth="front", epsilon=EPSILON),
+    "point": RenderSettings(sprite="point", epsilon=EPSILON, facing="flip"),
     "lines": RenderSettings(epsilon=EPSILON, facing="flip"),
 }
 

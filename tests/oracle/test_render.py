@@ -385,6 +385,25 @@ def test_prefilter_about_an_infinite_parallelogram_is_absent():
     assert np.isfinite(centers["bounds"]).all() and np.isnan(centers["parallelogram"]).all()
 
 
+@pytest.mark.parametrize("prefilter_radius", [1.0, 2.5])
+def test_a_square_point_cuts_a_disc_off_the_axis(prefilter_radius):
+    """A disc that faces the eye 60 degrees off the axis: its point has the side it would have in the middle."""
+    cosine, sine, radius = 0.5, math.sqrt(3) / 2, 0.25
+    row = (2 * sine, 0, 2 * cosine), (0, radius, 0), (radius * cosine, 0, -radius * sine)
+    view = camera(f=8.0)
+    drawn = [
+        oracle.render(discs(row), view, RenderSettings(sprite=sprite, prefilter_radius=prefilter_radius))
+        for sprite in ("exact", "point")
+    ]
+    off = np.abs(rays(view) * 8 - (8 * sine / cosine, 0)).max(axis=-1)
+    whole, cut = (image["Z"] < np.inf for image in drawn)
+    np.testing.assert_array_equal(cut, whole & (off <= radius * 8))
+    np.testing.assert_array_equal(
+        drawn[1]["count"] > 0, (drawn[0]["count"] > 0) & (off <= max(radius * 8, prefilter_radius))
+    )
+    assert cut.any() and (whole & ~cut).any()
+
+
 # ---- the settings of others
 
 

@@ -217,10 +217,33 @@ def test_clipped_cube_has_no_hole(renderer, view):
         assert np.count_nonzero(crossed) <= 2
 
 
+@pytest.mark.parametrize("prefilter", ["min", "none"])
+def test_square_points(renderer, prefilter):
+    """Caught: the filter's larger point in the visibility pass; a probe that ignores the point."""
+    settings = RenderSettings(0.1, sprite="point", prefilter=prefilter, prefilter_radius=1.5)
+    for scene, camera in (("near_plane", "off_center"), ("random_ellipses", "off_center")):
+        splats = SCENES[scene](2)
+        frame, want = (f(splats, CAMERAS[camera], settings) for f in (renderer.render, oracle.render))
+        sure = want["margin"] >= MARGIN_UNITS
+        for name in ("count", "particleid"):
+            np.testing.assert_array_equal(frame[name][sure], want[name][sure])
+        assert sure.mean() > 0.99
+        whole = renderer.render(splats, CAMERAS[camera], replace(settings, sprite="exact"))["count"]
+        changed = frame["count"] != whole
+        assert changed.any()
+        assert all(one.passed for one in frame.check())
+        rows, columns = np.nonzero(changed)
+        for k in np.linspace(0, len(rows) - 1, 3).astype(int):
+            x, y = int(columns[k]), int(rows[k])
+            assert frame.probe(x, y).depth == frame["Z"][y, x].item()
+            assert frame.probe(x, y).rows[-1].sums.count == frame["count"][y, x].item()
+
+
 def test_meaningless_settings_are_refused(renderer):
     for choices, words in (
         ({"prefilter": "ewa"}, "footprint='affine'"),
         ({"method": "zwicker04", "kernel": "constant"}, "gaussian"),
+        ({"method": "zwicker04", "sprite": "point"}, "exact bounds"),
         ({"method": "botsch04", "shader": "npr"}, "deferred"),
         ({"method": "botsch03", "normals": "field"}, "no effect"),
         ({"target": "float64"}, "double"),

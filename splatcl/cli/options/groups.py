@@ -10,7 +10,7 @@ SUBJECTS = {
     "Method": ("method", "footprint", "circular", "normals", "shading"),
     "Visibility": ("epsilon", "along", "epsilon-test", "facing"),
     "Weights": (
-        *("prefilter", "prefilter-radius", "prefilter-center", "filter-depth"),
+        *("prefilter", "prefilter-radius", "prefilter-center", "filter-depth", "sprite"),
         *("cutoff", "kernel", "kernel-table", "kernel-lookup", "table-addressing", "table-over"),
     ),
     "Color and lights": ("shader", "user-shader", "light", "material", "npr", "time"),

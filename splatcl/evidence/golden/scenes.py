@@ -100,6 +100,7 @@ def scenes() -> tuple[GoldenScene, ...]:
         GoldenScene("tiny", tiny, tiny_camera, lights),
         GoldenScene("tiny_bounds", tiny, tiny_camera, replace(bounds, shader="normal", along="ray")),
         GoldenScene("tiny_parallelogram", tiny, tiny_camera, replace(bounds, prefilter_center="parallelogram")),
+        GoldenScene("tiny_point", tiny, tiny_camera, RenderSettings(0.125, sprite="point")),
         GoldenScene("tiny_table", tiny, tiny_camera, replace(table, prefilter="none", facing="cull", shader="albedo")),
         GoldenScene("tiny_nearest", tiny, tiny_camera, replace(table, kernel_lookup="nearest")),
         GoldenScene("tiny_constant", tiny, tiny_camera, RenderSettings(0.125, kernel="constant")),

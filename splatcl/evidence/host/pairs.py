@@ -57,7 +57,7 @@ class Fragments:
 
     disc: Hits  # (K,) the ray and the disc itself, which gives the depth
     hit: Coverage  # (K,) of the visibility pass
-    drawn: Coverage  # (K,) of the attribute pass without the pre-filter "min"; the same as `hit` except for EWA
+    drawn: Coverage  # (K,) of the attribute pass without the pre-filter "min"; `hit` itself but for EWA and points
     filter: Coverage  # (K,) of the pre-filter "min"; margin -inf without one
     center_z: Array  # (K,) eye z of the splat's center, scene units
     tolerance: Array  # (K,) epsilon along z, scene units
@@ -95,9 +95,10 @@ def decisions(pairs: Pairs, f: Fragments) -> tuple[Array, Array]:
         if f.filter_depth == "plane":
             margins.append(np.where(by_filter, np.abs(f.disc.plane_margin), np.inf))
             distances.append(np.abs(np.nan_to_num(f.plane_distance)))
-        if f.of_ellipses:
+        if f.drawn is not f.hit:
             margins.append(np.abs(f.drawn.margin))
             distances.append(np.abs(1 - np.nan_to_num(f.drawn.r)))
+        if f.of_ellipses:
             margins.append(np.where(hit | drawn | filtered, np.abs(f.disc.margin), np.inf))
             distances.append(np.abs(1 - np.nan_to_num(f.disc.r)))
         gap = np.where(hit & ~is_front, z - depth, np.inf)
@@ -135,9 +136,10 @@ def fragments(
     hit = drawn = _known(footprints.coverage(disc, pairs.s, filtered=False))
     nothing = np.zeros(len(pairs.splat))
     factor, scale_factor = nothing + 1, nothing
+    if settings.prefilter == "ewa" or settings.sprite == "point":
+        drawn = _known(footprints.coverage(disc, pairs.s, filtered=True))
     if settings.prefilter == "ewa":
         assert footprints.ellipses
-        drawn = _known(footprints.coverage(disc, pairs.s, filtered=True))
         maps = footprints.ellipses.maps
         factor, scale_factor = np.nan_to_num(maps.factor), 8 * (1 + footprints.discs.kappa + 1 / maps.rest)
     absent = Coverage(nothing + np.inf, nothing, nothing, nothing - np.inf)

@@ -64,6 +64,7 @@ class PassContext:
             "ELLIPSE": FOOTPRINTS[settings.footprint],
             "PREFILTER": PREFILTERS[settings.prefilter],
             "FILTER_DEPTH": FILTER_DEPTHS[settings.filter_depth] if settings.prefilter == "min" else 0,
+            "POINT": int(settings.sprite == "point"),
             "FIELD": int(settings.normals == "field"),
             "SHADING": SHADING[settings.shading],
             "SHADER": shader_header("albedo" if settings.shading == "deferred" else settings.shader),

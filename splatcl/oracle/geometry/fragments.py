@@ -9,7 +9,8 @@ import numpy as np
 from splatcl.oracle.buffers import Array, ProjectedSplats
 from splatcl.oracle.geometry.discs import Discs, Hits, intersect
 from splatcl.oracle.geometry.ellipses import Coverage, Ellipses, cover
-from splatcl.oracle.geometry.rays import OFFSET_ERROR, TINY, UNIT, to_raster
+from splatcl.oracle.geometry.points import point_half
+from splatcl.oracle.geometry.rays import OFFSET_ERROR, TINY, UNIT, range_margin, to_image_plane, to_raster
 from splatcl.scene.camera import Camera
 from splatcl.scene.settings import RenderSettings
 
@@ -51,12 +52,29 @@ class Footprints:
     def coverage(self, hits: Hits, s: Array, filtered: bool) -> Coverage:
         """Evaluate the footprint within its clip lines; an ellipse is widened by the low-pass filter if `filtered`."""
         if self.ellipses is None:
-            return Coverage(hits.r_squared, hits.r, hits.scale_r, hits.margin)
+            covered = Coverage(hits.r_squared, hits.r, hits.scale_r, hits.margin)
+            return self._in_sprite(covered, s, filtered)
         return _cut(cover(self.ellipses, filtered, self.camera, s), hits.kept, hits.kept_margin)
 
     def prefilter(self, hits: Hits, s: Array) -> Coverage:
         """Evaluate the pre-filter "min" ([BHZK05] section 5) within the clip lines."""
-        return _cut(_prefilter(self.projected, self.camera, self.settings, s), hits.kept, hits.kept_margin)
+        kept = _cut(_prefilter(self.projected, self.camera, self.settings, s), hits.kept, hits.kept_margin)
+        return self._in_sprite(kept, s, filtered=True)
+
+    def _in_sprite(self, coverage: Coverage, s: Array, filtered: bool) -> Coverage:
+        """Remove the pixels outside the square point, which the filter enlarges if `filtered` ([BHZK05] section 3)."""
+        if self.settings.sprite == "exact":
+            return coverage
+        center = self.projected.center_eye
+        tangents = self.projected.tangent_u_eye, self.projected.tangent_v_eye
+        half = point_half(*tangents, center[:, 2], self.camera, self.settings, filtered)
+        with np.errstate(invalid="ignore"):
+            off = np.abs(to_raster(s, self.camera) - to_raster(to_image_plane(center, self.camera), self.camera))
+            distance = off.max(axis=-1)
+            margin = (half - distance) / (UNIT * (4 * half + distance + self.discs.offset_error))
+        in_range = range_margin(center[:, 2], np.abs(center[:, 2]) + TINY, self.camera)
+        margin = np.where(in_range < 0, np.fmin(in_range, -TINY), np.fmin(margin, in_range))
+        return _cut(coverage, margin >= 0, margin)
 
     def visibility_fragments(self, s: Array) -> Fragments:
         """Return the fragments of the visibility pass, which takes no pre-filter and no low-pass filter."""
