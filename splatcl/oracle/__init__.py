@@ -27,6 +27,7 @@ Each decision has its scale:
 - z <= depth + epsilon:  scale_z of the fragment, plus scale_z of the front-most splat, plus epsilon;
 - which splat is front-most:  the sum of both splats' scale_z, for the difference of their z;
 - facing, cos >= 0, and edge-on, |cos| <= 2^-16:  4 |t_u| |t_v| / |t_u x t_v|;
+- the square point of sprite="point", half its side less the distance:  4 times half its side, the distance and 2;
 - a clip line a u + b v + c >= 0:  that of r3, for the line times den;
 - r <= 1 in an ellipse:  see `cover` in geometry/ellipses.py;
 - a conic ellipse exists:  4 (|z| + reach), with reach = |(t_u,z, t_v,z)|.
