@@ -226,13 +226,8 @@ class Splats:
         return replace(self, **taken, attributes=named, on_invalid="error")
 
 
-REASONS = (
-    "",
-    "a non-finite number",
-    "a number beyond 1e15",
-    "an area |t_u x t_v| below 1e-15",
-    "an area |t_u x t_v| above 1e19",
-)
+AREA = "an area |t_u x t_v|"
+REASONS = ("", "a non-finite number", "a number beyond 1e15", f"{AREA} below 1e-15", f"{AREA} above 1e19")
 
 
 def invalid_splats(
