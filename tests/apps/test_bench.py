@@ -20,7 +20,7 @@ from splatcl.cli import main
 from splatcl.errors import SplatclError
 
 SMALL = 1 << 20
-SOME_FACTORS = ("shuffled", "1920x1080", "double", "scan", "zwicker01", "unorm8")
+SOME_FACTORS = ("shuffled", "1920x1080", "no pre-filter", "3 lights", "double", "scan")
 """A few factors, as most compile programs of their own."""
 
 

@@ -157,12 +157,12 @@ def test_records_that_are_too_far_add_nothing(device, monkeypatch, choices):
         camera = close_up(focal, projection)
         cases.append((skewed(camera, seed), camera))
     settings = RenderSettings(epsilon=0.0, **choices)
-    skipping = [DevicePasses(device, *case, settings, tile_size=8).raster() for case in cases]
+    skipping = [DevicePasses(device, *case, settings).raster() for case in cases]
     inlined = program.inline_source
     monkeypatch.setattr(program, "inline_source", lambda *a: inlined(*a).replace(SKIP, TAKE))
     other = Device()
     for case, got in zip(cases, skipping, strict=True):
-        want = DevicePasses(other, *case, settings, tile_size=8).raster()
+        want = DevicePasses(other, *case, settings).raster()
         assert all(got[name].tobytes() == want[name].tobytes() for name in want)
 
 

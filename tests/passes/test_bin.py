@@ -112,9 +112,9 @@ def test_no_list_lacks_a_splat(device, projection, precision):
             prefilter_radius=float(10.0 ** rng.uniform(-1, 1.5)),
             prefilter_center=str(rng.choice(["projected", "bounds"])),
         )
-        passes = DevicePasses(device, any_discs(rng, camera), camera, settings, 8)
+        passes = DevicePasses(device, any_discs(rng, camera), camera, settings)
         records, _ = passes.project()
-        for run, places in zip(passes.bin()[0], brute_force(records, camera, 8), strict=True):
+        for run, places in zip(passes.bin()[0], brute_force(records, camera, 16), strict=True):
             assert np.isin(records["id"][places], run.records["id"]).all(), seed
         num_drawn += len(records)
     assert num_drawn > 5000

@@ -94,7 +94,7 @@ def test_methods_against_the_oracle(renderer, method, facing):
     compare(renderer, extended("random_ellipses", 2, True, field), CAMERAS["outside"], settings)
 
 
-@pytest.mark.parametrize("method", ["zwicker04", "botsch04"])
+@pytest.mark.parametrize("method", [pytest.param("zwicker04", marks=pytest.mark.slow), "botsch04"])
 def test_methods_in_double_precision(renderer, method):
     if not renderer.supports_double:
         pytest.skip("this device has no double precision")
@@ -112,7 +112,7 @@ def test_methods_without_perspective(renderer, method):
 @pytest.mark.parametrize(
     "settings",
     [
-        RenderSettings(footprint="affine", prefilter="min", **CULL),
+        pytest.param(RenderSettings(footprint="affine", prefilter="min", **CULL), marks=pytest.mark.slow),
         RenderSettings(footprint="conic", prefilter="min", prefilter_center="bounds", prefilter_radius=3.0, **CULL),
         RenderSettings(footprint="conic", prefilter="none", along="ray", facing="cull"),
         RenderSettings(method="zwicker04", cutoff=3.0, prefilter_radius=2.0),

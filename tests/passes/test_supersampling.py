@@ -27,7 +27,7 @@ WINDOWS = [
     ("random_ellipses", "off_center", 2, "single", 16, 0, 300),
     ("sphere", "orthographic", 3, "single", 16, 1, 600),
     ("giant", "inside", 2, "double", 16, 0, 100),
-    ("near_plane", "close", 3, "single", 8, 1, 100),
+    ("near_plane", "close", 3, "single", 16, 1, 100),
     ("sub_pixel", "outside", 2, "single", 32, 0, 50),
 ]
 

@@ -166,7 +166,7 @@ def test_lanes(lanes, check):
 
 @pytest.mark.parametrize(
     ("tile_size", "check"),
-    [(8, check_few_and_methods), *(pytest.param(*way, marks=SLOW) for way in ((8, golden.check), (16, check_plain)))],
+    [(16, check_few_and_methods), *(pytest.param(*way, marks=SLOW) for way in ((8, golden.check), (16, check_plain)))],
 )
 def test_a_work_item_per_pixel(tile_size, check):
     """Mutation: `part / (TILE / 2)` in place of `part / REGIONS_X` in region_of."""
