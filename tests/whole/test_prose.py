@@ -54,6 +54,6 @@ def test_docstrings_begin_well():
 
 
 def test_sentences_are_short():
-    pages = texts("README.md", "docs/*.md", ":!docs/decisions/0008-sentences.md")  # which quotes earlier sentences
+    pages = texts("README.md", "docs/*.md", ":!docs/decisions/0008-sentences.md")  # a record of old sentences
     assert len(pages) > 15 and {name: found for name, page in pages.items() if (found := long_sentences(page))} == {}
     assert long_sentences(f"\n- {'word ' * 25}`x y`.\n- {'word ' * 24}[and](more). Not so.") == [f"{'word ' * 25}code."]
