@@ -129,7 +129,8 @@ def _parallelogram_middle(center: Array, t_u: Array, t_v: Array, camera: Camera)
     """
     corners = [center + i * t_u + j * t_v for i in (-1, 1) for j in (-1, 1)]
     raster = np.stack([to_raster(to_image_plane(corner, camera), camera) for corner in corners])
-    middle = (raster.min(axis=0) + raster.max(axis=0)) / 2
+    with np.errstate(invalid="ignore"):  # infinite bounds of both signs have no middle
+        middle = (raster.min(axis=0) + raster.max(axis=0)) / 2
     focal = np.array([camera.fx, camera.fy])
     terms = np.abs(t_u[:, :2]) + np.abs(t_v[:, :2])
     if camera.projection == "orthographic":
