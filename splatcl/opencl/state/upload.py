@@ -111,17 +111,16 @@ def _write_records(
     changed: frozenset[str],
 ) -> None:
     """Write the changed ones of `arrays`, each (N, 3) and in the order of Splat's fields, to planes and records."""
-    real = np.dtype(REAL_CODES[precision])
-    program = device.program(
-        file_of("upload"), structs(REAL_CODES[precision])[1], LANES=1, DOUBLE=int(real == np.float64)
-    )
+    real, (dtypes, declarations) = np.dtype(REAL_CODES[precision]), structs(REAL_CODES[precision])
+    program = device.program(file_of("upload_records"), declarations, LANES=1, DOUBLE=int(real == np.float64))
+    num, stride, num_fields = map(np.int32, (held.num_splats, held.stride, dtypes["Splat"].itemsize // real.itemsize))
     for k, (name, values) in enumerate(arrays.items()):
         if name not in changed:
             continue
-        given = device.upload(np.ascontiguousarray(values, real)) if held.num_splats else held.splats
-        planes = getattr(held, name, None)
-        numbers = map(np.int32, (held.num_splats, held.stride, 3 * k, planes is not None))
-        program(device.queue, "upload", (held.stride,), PLANE_PAD, given, *numbers, planes or given, held.splats)
+        given = device.upload(np.ascontiguousarray(values, real)) if num else held.splats
+        program(device.queue, "upload_records", (int(num), 3), 1, given, num_fields, np.int32(3 * k), held.splats)
+        if planes := getattr(held, name, None):
+            program(device.queue, "upload_planes", (int(stride), 3), 1, given, num, stride, planes)
 
 
 def _copied(device: Device, buffer: Any, array: NDArray[Any] | None) -> Any:
