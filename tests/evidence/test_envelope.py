@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.envelopes import BOUNDED, CHOICES, EVERY, bounds, escapes, rounded_otherwise
+from helpers.envelopes import BOUNDED, CHOICES, EVERY, REST, bounds, escapes, rounded_otherwise
 from helpers.scenes import CAMERAS, EPSILON, SCENES, random_ellipses
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -27,7 +27,10 @@ NONE = dict.fromkeys(BOUNDED, 0)
 # ---- the margin
 
 
-@pytest.mark.parametrize(("scene", "camera", "choices"), [view for view in EVERY if view[2] not in TABLES])
+@pytest.mark.parametrize(
+    ("scene", "camera", "choices"),
+    [*(view for view in EVERY if view[2] not in TABLES), *(r for r in REST if r.values[2] not in TABLES)],
+)
 def test_the_margin_is_the_oracle_s(scene, camera, choices, monkeypatch):
     """Several bands of rows change nothing. Mutation: no kappa in the slack of _disc_bounds (edge_on)."""
     monkeypatch.setattr(pairs, "PAIRS_PER_BAND", 1 << 12)
@@ -60,7 +63,7 @@ def test_no_splats_have_no_uncertain_pixel():
 # ---- the envelope
 
 
-@pytest.mark.parametrize(("scene", "camera", "choices"), EVERY)
+@pytest.mark.parametrize(("scene", "camera", "choices"), [*EVERY, *REST])
 def test_our_renders_are_inside(renderer, scene, camera, choices):
     """Mutation: z_low for z_high in `_choices`, so a front splat that may miss does not change depth(p)."""
     splats, view = SCENES[scene](2), CAMERAS[camera]

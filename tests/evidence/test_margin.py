@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers.envelopes import CHOICES, EVERY
+from helpers.envelopes import CHOICES, EVERY, REST
 from helpers.paths import ROOT
 from helpers.scenes import CAMERAS, SCENES
 from tolerances import DEVICE_MARGIN, DEVICE_RELATIVE, SURVEY_MARGIN
@@ -91,7 +91,7 @@ def test_reference_scenes_have_the_host_s(double_renderer, name):
     assert_the_same(*by_both(double_renderer, scene.splats, scene.camera, scene.settings), units)
 
 
-@pytest.mark.parametrize(("scene", "camera", "choices"), EVERY)
+@pytest.mark.parametrize(("scene", "camera", "choices"), [*EVERY, *REST])
 def test_scenes_have_the_host_s(double_renderer, scene, camera, choices):
     """Mutations: the second least depth without `most_of`; no `open` normals in keep_extremes; no kappa in the slack of
     nearby_count; no gap to the front-most splat in `decide`."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from helpers.scenes import EPSILON, VIEWS
 
 from splatcl import RenderSettings, Splats
@@ -38,9 +39,11 @@ NEW = ("texture", "strict", "plane", "linear texture", "strict zero", "front", "
 EVERY = [
     (*view, choices)
     for i, view in enumerate(VIEWS)
-    for choices in ("default", ("culled", "first", "nearest", "linear")[i % 4], NEW[i % len(NEW)])
+    for choices in ("default", ("culled", "first", "nearest", "linear")[i % 4], *NEW[i : i + 1])
 ]
-"""Every scene under every camera with the default settings, and with two others each."""
+"""Every scene under every camera with the default settings and with one other; each of `NEW` under one view."""
+REST = [pytest.param(*view, NEW[i % len(NEW)], marks=pytest.mark.slow) for i, view in enumerate(VIEWS[len(NEW) :])]
+"""Further views of `NEW`, for the slow tests."""
 
 
 BOUNDED = ("Z", "weight", "albedo", "N")

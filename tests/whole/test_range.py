@@ -26,7 +26,9 @@ def scaled(size):
     return Splats(*arrays, plain.color), camera
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method", [pytest.param(name, marks=[] if name == "default" else pytest.mark.slow) for name in METHODS]
+)
 @pytest.mark.parametrize("size", [3.3e-8, 1e-7, 1e-3, 1e9, 3.1e9])
 def test_a_scene_of_any_size_has_the_oracles_image(renderer, size, method):
     splats, camera = scaled(size)
