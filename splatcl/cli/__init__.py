@@ -174,7 +174,7 @@ def _abandon_stdout() -> None:
 
 
 def run_failed(error: SplatclError) -> bool:
-    """Whether the system or the OpenCL runtime failed, rather than the user."""
+    """Return True if the system or the OpenCL runtime failed, rather than the user."""
     cause = error.__cause__
     if isinstance(cause, OSError):
         return cause.errno not in MISTAKEN_PATH

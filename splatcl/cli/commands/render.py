@@ -130,7 +130,7 @@ def hints(frame: Frame, covered: float) -> list[str]:
 
 
 def most_face_away(frame: Frame) -> bool:
-    """Whether over half of the covered pixels have a normal that points away from the eye, by a sample of them."""
+    """Return True if over half of the covered pixels have a normal away from the eye, by a sample of them."""
     step = max(1, math.isqrt(frame.width * frame.height // MAX_SAMPLES))
     rows, columns = np.arange(0, frame.height, step), np.arange(0, frame.width, step)
     normal, covered = frame["N"][::step, ::step], frame.color[::step, ::step, 3] > 0
